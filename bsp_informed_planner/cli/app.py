@@ -1,0 +1,166 @@
+"""`bsp-planner`: commands and their options. The work is done in modules of their own, imported when needed."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="bsp-planner",
+    help="Plan collision-free, short paths for robot arms in cluttered spaces.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class DemoRobot(str, Enum):
+    """Robots that come with the package."""
+
+    UR5 = "ur5"
+    POINT = "point"
+
+
+RobotOption = Annotated[DemoRobot, typer.Option(help="ur5: the arm at a shelf; point: a point robot in a 2D maze.")]
+UrdfOption = Annotated[
+    Path | None,
+    typer.Option(help="URDF of your own arm; it takes the place of --robot.", exists=True, dir_okay=False),
+]
+SrdfOption = Annotated[
+    Path | None,
+    typer.Option(help="SRDF that goes with --urdf: disabled collision pairs.", exists=True, dir_okay=False),
+]
+PackageOption = Annotated[
+    list[Path] | None, typer.Option("--package-dir", help="Folder in which package:// addresses are looked up.")
+]
+ToolOption = Annotated[str | None, typer.Option(help="Frame of the arm that goal poses are for and keypoints guide.")]
+
+
+@app.callback()
+def options(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what the library does.")] = False,
+) -> None:
+    """Plan collision-free, short paths for robot arms in cluttered spaces."""
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(name)s: %(message)s")
+
+
+@app.command()
+def demo(
+    seed: Annotated[int, typer.Option(help="Picks the problem, and seeds the planner.", min=0)] = 1,
+    robot: RobotOption = DemoRobot.UR5,
+    seconds: Annotated[float, typer.Option(help="Planning time allowed [s].", min=0.1, max=60.0)] = 5.0,
+    out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path("out"),
+) -> None:
+    """Start the three ROS 2 nodes, publish a random scene, call /plan, and draw the path.
+
+    Ends with status 0 only if a verified path came back.
+    """
+    from bsp_informed_planner.cli.demo import run_demo
+
+    raise typer.Exit(run_demo(seed, robot.value, seconds, out))
+
+
+@app.command()
+def nodes(
+    robot: RobotOption = DemoRobot.UR5,
+    urdf: UrdfOption = None,
+    srdf: SrdfOption = None,
+    package_dir: PackageOption = None,
+    tool_frame: ToolOption = None,
+    namespace: Annotated[str, typer.Option(help="ROS namespace of the nodes.")] = "",
+    params_file: Annotated[
+        Path | None, typer.Option(help="ROS parameter file, e.g. config/ur5.yaml.", exists=True, dir_okay=False)
+    ] = None,
+) -> None:
+    """Start the decomposition, inference and planner nodes, without `ros2 launch`. Ctrl-C stops them."""
+    from bsp_informed_planner.cli.nodes import run_nodes
+
+    raise typer.Exit(run_nodes(robot.value, urdf, srdf, package_dir or [], tool_frame, namespace, params_file))
+
+
+@app.command()
+def plan(
+    scene: Annotated[
+        Path, typer.Argument(help="Scene or problem file: our YAML, or a MoveIt planning scene.", exists=True)
+    ],
+    start: Annotated[
+        str | None, typer.Option(help="Start: joint positions, comma-separated [rad or m]; default: the file's.")
+    ] = None,
+    goal: Annotated[str | None, typer.Option(help="Goal: joint positions, comma-separated [rad or m].")] = None,
+    goal_pose: Annotated[
+        str | None, typer.Option(help="Goal of the tool: x,y,z,roll,pitch,yaw in the root frame [m, rad].")
+    ] = None,
+    robot: RobotOption = DemoRobot.UR5,
+    urdf: UrdfOption = None,
+    srdf: SrdfOption = None,
+    package_dir: PackageOption = None,
+    tool_frame: ToolOption = None,
+    planner_id: Annotated[str, typer.Option(help="anytime, rrt_connect, rrt_star or rrt.")] = "anytime",
+    sampler_id: Annotated[str, typer.Option(help="keypoint_tube or uniform.")] = "keypoint_tube",
+    seconds: Annotated[float, typer.Option(help="Planning time allowed [s].")] = 5.0,
+    first: Annotated[bool, typer.Option("--first", help="Stop at the first verified path.")] = False,
+    seed: Annotated[int | None, typer.Option(help="Seed of the planner; default: drawn.", min=0)] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the whole result as JSON.")] = False,
+    png: Annotated[Path | None, typer.Option(help="Draw the path into this file.")] = None,
+) -> None:
+    """Plan a path through a scene file, without ROS."""
+    from bsp_informed_planner.cli.plan import PlanArguments, run_plan
+
+    raise typer.Exit(
+        run_plan(
+            PlanArguments(
+                scene,
+                start,
+                goal,
+                goal_pose,
+                robot.value,
+                urdf,
+                srdf,
+                tuple(package_dir or ()),
+                tool_frame,
+                planner_id,
+                sampler_id,
+                seconds,
+                first,
+                seed,
+                json,
+                png,
+            )
+        )
+    )
+
+
+@app.command()
+def decompose(
+    scene: Annotated[
+        Path, typer.Argument(help="Scene or problem file: our YAML, or a MoveIt planning scene.", exists=True)
+    ],
+    dimension: Annotated[int, typer.Option(help="3, or 2 for the plane z = 0.", min=2, max=3)] = 3,
+    grid: Annotated[int, typer.Option(help="Keypoint candidates along each side of a portal; odd.", min=1)] = 3,
+    json: Annotated[bool, typer.Option("--json", help="Print cells, portals, candidates and times as JSON.")] = False,
+    png: Annotated[Path | None, typer.Option(help="Draw cells, portals and candidates into this file.")] = None,
+) -> None:
+    """Partition a scene file by BSP, and say what came of it."""
+    from bsp_informed_planner.cli.decompose import run_decompose
+
+    raise typer.Exit(run_decompose(scene, dimension, grid, json, png))
+
+
+def main() -> None:
+    """Entry point of `bsp-planner`. An expected error is a sentence, not a traceback."""
+    from bsp_informed_planner.errors import BspPlannerError
+
+    try:
+        app()
+    except BspPlannerError as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

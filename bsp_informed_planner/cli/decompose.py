@@ -1,0 +1,65 @@
+"""`bsp-planner decompose`."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+from pathlib import Path
+
+import typer
+
+from bsp_informed_planner.decomposition.decomposition import decompose
+from bsp_informed_planner.decomposition.options import DecompositionOptions
+from bsp_informed_planner.scene.moveit_yaml import load_scene
+
+
+def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Path | None) -> int:
+    """Decompose a scene file, print, draw. Returns the exit status."""
+    scene = load_scene(path)
+    result = decompose(scene, DecompositionOptions(dimension=dimension, grid=grid))
+    counts = {
+        "obstacles": len(scene.obstacles),
+        "facets": result.facet_count,
+        "splits": result.split_count,
+        "free_cells": result.cell_count,
+        "portals": result.portal_count,
+        "candidates": result.candidate_count,
+        "edges": result.edge_count,
+    }
+    timings = dataclasses.asdict(result.timings)
+    if as_json:
+        portals = [
+            {"corners": result.portal_corners[begin:end].tolist(), "cells": cells.tolist()}
+            for (begin, end), cells in zip(
+                itertools.pairwise(result.portal_offsets.tolist()), result.portal_cells, strict=True
+            )
+        ]
+        polytopes = {int(cell): result.cell_polytope(int(cell)) for cell in result.free_cells}
+        cells = [
+            {"cell": cell, "vertices": polytope.vertices.tolist()}
+            for cell, polytope in polytopes.items()
+            if polytope is not None
+        ]
+        content = {
+            **counts,
+            **timings,
+            "cells": cells,
+            "portals_of_cells": portals,
+            "candidate_points": result.candidates.tolist(),
+            "candidate_portals": result.candidate_portals.tolist(),
+            "candidate_clearances": result.candidate_clearances.tolist(),
+        }
+        typer.echo(json.dumps(content))
+    else:
+        typer.echo("\n".join(f"{name.replace('_', ' '):<12} {value}" for name, value in counts.items()))
+        milliseconds = ", ".join(
+            f"{name.removesuffix('_seconds')} {1e3 * value:.2f}" for name, value in timings.items()
+        )
+        typer.echo(f"{'time [ms]':<12} {1e3 * result.timings.total_seconds:.2f} ({milliseconds})")
+    if png is not None:
+        from bsp_informed_planner.visualization.figures import draw_decomposition
+
+        draw_decomposition(png, scene, result)
+        typer.echo(f"picture: {png}", err=True)
+    return 0

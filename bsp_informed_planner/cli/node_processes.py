@@ -1,0 +1,152 @@
+"""The three nodes as processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from bsp_informed_planner.errors import BspPlannerError
+
+NODE_NAMES = ("decomposition_node", "inference_node", "planner_node")
+_GRACE_SECONDS = 5.0
+
+
+class NodeDiedError(BspPlannerError):
+    """A node's process has ended by itself.
+
+    Attributes:
+        name: of the node.
+        status: exit status.
+    """
+
+    def __init__(self, name: str, status: int, log: Path | None) -> None:
+        self.name = name
+        self.status = status
+        where = f"; its log is {log}" if log else ""
+        super().__init__(f"{name} has ended with status {status}{where}")
+
+
+class NodeProcesses:
+    """Starts the nodes, and stops them when left.
+
+    Args:
+        parameters: for each node by name, its ROS parameters.
+        namespace: of all three; "": none.
+        params_file: ROS parameter file for all three.
+        environment: changes to the environment, e.g. ROS_DOMAIN_ID.
+        log_dir: folder for what they print; None: the terminal.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Mapping[str, object]],
+        *,
+        namespace: str = "",
+        params_file: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+        log_dir: Path | None = None,
+    ) -> None:
+        self._parameters = parameters
+        self._namespace = namespace
+        self._params_file = params_file
+        self._environment = {**os.environ, **(environment or {})}
+        self._log_dir = log_dir
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> NodeProcesses:
+        try:
+            for name in NODE_NAMES:
+                self.start(name)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def start(self, name: str) -> None:
+        """Start one node."""
+        command = [sys.executable, "-m", f"bsp_informed_planner.nodes.{name}", "--ros-args"]
+        if self._namespace:
+            command += ["-r", f"__ns:=/{self._namespace.strip('/')}"]
+        if self._params_file is not None:
+            command += ["--params-file", str(self._params_file)]
+        for key, value in self._parameters.get(name, {}).items():
+            command += ["-p", f"{key}:={_yaml_scalar(value)}"]
+        log = self.log(name)
+        if log is None:
+            self.processes[name] = subprocess.Popen(command, env=self._environment, start_new_session=True)
+        else:
+            with log.open("wb") as stream:
+                self.processes[name] = subprocess.Popen(
+                    command, env=self._environment, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+                )
+
+    def log(self, name: str) -> Path | None:
+        """Where a node's output goes."""
+        return None if self._log_dir is None else self._log_dir / f"{name}.log"
+
+    def check_alive(self) -> None:
+        """Raises NodeDiedError if a node has ended."""
+        for name, process in self.processes.items():
+            status = process.poll()
+            if status is not None:
+                raise NodeDiedError(name, status, self.log(name))
+
+    def wait(self) -> None:
+        """Wait until one ends.
+
+        Raises:
+            NodeDiedError: naming it.
+        """
+        while True:
+            self.check_alive()
+            time.sleep(0.2)
+
+    def stop(self) -> None:
+        """Ask all to end; kill those that do not."""
+        running = [process for process in self.processes.values() if process.poll() is None]
+        for process in running:
+            process.send_signal(signal.SIGINT)
+        end = time.monotonic() + _GRACE_SECONDS
+        for process in running:
+            try:
+                process.wait(max(end - time.monotonic(), 0.1))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _yaml_scalar(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # Quoted, so that no text is taken for a number or a list.
+        return "'" + value.replace("'", "''") + "'"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(_yaml_scalar(item) for item in value) + "]"
+    return str(value)
+
+
+def robot_parameters(
+    robot: str, urdf: Path | None, srdf: Path | None, package_dirs: Sequence[Path], tool_frame: str | None
+) -> dict[str, object]:
+    """Parameters `robot`, `robot_description` and so on of the inference and planner nodes."""
+    if urdf is None:
+        return {"robot": robot}
+    return {
+        "robot": "",
+        "robot_description": str(urdf.resolve()),
+        "robot_description_semantic": "" if srdf is None else str(srdf.resolve()),
+        "package_dirs": ":".join(str(folder.resolve()) for folder in package_dirs),
+        "tool_frame": tool_frame or "",
+    }

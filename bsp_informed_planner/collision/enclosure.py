@@ -1,0 +1,150 @@
+"""Obstacles that lie wholly inside a link of the robot."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from bsp_informed_planner.collision.geometry import create_geometry_data
+from bsp_informed_planner.scene.pose import FloatArray
+
+# Radius of the ball that stands for a point [m].
+_POINT = 1e-9
+
+
+class EnclosedObstacles:
+    """Finds small obstacles inside the hollow of a link.
+
+    coal sees a triangle mesh as a surface: a cup inside the upper arm touches nothing. An obstacle that does not touch
+    the surface of a link is inside the link if one of its points is. So a point of each obstacle is looked up in the
+    bounding box of each link, by coal, and where it is inside, its winding number around the link's surface decides
+    (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013).
+    Obstacles too large for a link's bounding box are left out from the start; mostly none remain.
+
+    Not thread-safe.
+    """
+
+    def __init__(
+        self, model: pin.Model, collision_model: pin.GeometryModel, links: list[int], obstacles: list[int]
+    ) -> None:
+        """
+        Args:
+            model: of the robot.
+            collision_model: holds the robot's geometry and the obstacles.
+            links: indices of the robot's moving geometries.
+            obstacles: indices of the obstacles' geometries, which are solid and fixed in the root frame.
+        """
+        self._model = model
+        self._collision_model = collision_model
+        self._probes = pin.GeometryModel()
+        self._pairs: list[tuple[int, int]] = []
+        self._surfaces: dict[int, FloatArray] = {}
+        points: dict[int, int] = {}
+        for link in links:
+            geometry = collision_model.geometryObjects[link]
+            if not isinstance(geometry.geometry, coal.BVHModelBase):
+                continue
+            low, high = _local_bounds(geometry.geometry)
+            fitting = [i for i in obstacles if _fits(collision_model.geometryObjects[i].geometry, high - low)]
+            if not fitting:
+                continue
+            centre = geometry.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
+            box = self._add(f"box/{link}", geometry.parentJoint, centre, coal.Box(*(high - low).tolist()))
+            for obstacle in fitting:
+                if obstacle not in points:
+                    place = pin.SE3(np.eye(3), _inner_point(collision_model.geometryObjects[obstacle]))
+                    points[obstacle] = self._add(f"point/{obstacle}", 0, place, coal.Sphere(_POINT))
+                self._probes.addCollisionPair(pin.CollisionPair(box, points[obstacle]))
+                self._pairs.append((link, obstacle))
+        self._data = model.createData()
+        self._probe_data = create_geometry_data(self._probes)
+        self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(model, self._probes, self._probe_data)
+
+    @property
+    def candidates(self) -> int:
+        """How many pairs of a link and an obstacle are looked at."""
+        return len(self._pairs)
+
+    def find(self, configuration: FloatArray) -> tuple[int, int] | None:
+        """Indices of a link's geometry and of an obstacle inside it, or None.
+
+        Args:
+            configuration: (n,) in which no link touches an obstacle.
+        """
+        if not self._pairs:
+            return None
+        if not pin.computeCollisions(self._model, self._data, self._broadphase, configuration, True):
+            return None
+        for index, (link, obstacle) in enumerate(self._pairs):
+            if pin.computeCollision(self._probes, self._probe_data, index):
+                point = _inner_point(self._collision_model.geometryObjects[obstacle])
+                geometry = self._collision_model.geometryObjects[link]
+                placement = self._data.oMi[geometry.parentJoint] * geometry.placement
+                if winding_number(self._surface(link), placement.actInv(point)) > 0.5:
+                    return link, obstacle
+        return None
+
+    def _add(self, name: str, joint: int, placement: pin.SE3, geometry: coal.CollisionGeometry) -> int:
+        return int(self._probes.addGeometryObject(pin.GeometryObject(name, joint, placement, geometry)))
+
+    def _surface(self, link: int) -> FloatArray:
+        if link not in self._surfaces:
+            self._surfaces[link] = triangle_corners(self._collision_model.geometryObjects[link].geometry)
+        return self._surfaces[link]
+
+
+def triangle_corners(mesh: coal.BVHModelBase) -> FloatArray:
+    """(m, 3, 3) corners of the triangles of a mesh [m]."""
+    triangles = (mesh.tri_indices(i) for i in range(mesh.num_tris))
+    indices = np.array([[triangle[0], triangle[1], triangle[2]] for triangle in triangles], dtype=np.int64)
+    return np.asarray(mesh.vertices())[indices.reshape(-1, 3)]
+
+
+def winding_number(triangles: FloatArray, point: FloatArray) -> float:
+    """How often a surface of triangles (m, 3, 3) winds around a point (3,): 1 inside of a closed one, 0 outside.
+
+    The absolute value is taken, so that the winding of the triangles does not matter. The solid angles are those of Van
+    Oosterom and Strackee (1983).
+    """
+    corners = triangles - point
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    lengths = np.linalg.norm(corners, axis=2)
+    la, lb, lc = lengths[:, 0], lengths[:, 1], lengths[:, 2]
+    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+    denominator = la * lb * lc
+    denominator += np.einsum("ij,ij->i", a, b) * lc
+    denominator += np.einsum("ij,ij->i", b, c) * la
+    denominator += np.einsum("ij,ij->i", c, a) * lb
+    return abs(float(np.arctan2(numerator, denominator).sum())) / (2 * np.pi)
+
+
+def _local_bounds(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray]:
+    geometry.computeLocalAABB()
+    return np.array(geometry.aabb_local.min_), np.array(geometry.aabb_local.max_)
+
+
+def _fits(obstacle: coal.CollisionGeometry, size: FloatArray) -> bool:
+    """Whether an obstacle may fit into a box: False only if it certainly does not.
+
+    Of two convex bodies, one inside the other, the inner has the smaller width, diameter and volume.
+    """
+    if isinstance(obstacle, coal.Halfspace):
+        return False
+    low, high = _local_bounds(obstacle)
+    if isinstance(obstacle, coal.ConvexBase):
+        width = 0.0  # the width of the hull is less than that of its bounding box
+    elif isinstance(obstacle, coal.Cone):
+        width = 2 * obstacle.radius * obstacle.halfLength / (obstacle.radius + obstacle.halfLength)
+    else:
+        width = float((high - low).min())
+    if width > size.min() or (high - low).max() > np.linalg.norm(size):
+        return False
+    return bool(obstacle.computeVolume() <= size.prod())
+
+
+def _inner_point(obstacle: pin.GeometryObject) -> FloatArray:
+    """A point inside a solid obstacle, in the root frame."""
+    geometry = obstacle.geometry
+    local = np.asarray(geometry.points()).mean(axis=0) if isinstance(geometry, coal.ConvexBase) else np.zeros(3)
+    return np.asarray(obstacle.placement.act(local))

@@ -1,0 +1,185 @@
+"""Distances of keypoint candidates from obstacles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bsp_informed_planner.compiled import kernel
+from bsp_informed_planner.decomposition.array_types import Floats, Indices
+
+
+@kernel
+def square_to_segment(p: Floats, corners: Floats, a: int, b: int) -> float:
+    """Squared distance of a point from the segment between two rows of `corners`."""
+    along, length = 0.0, 0.0
+    for k in range(3):
+        edge = corners[b, k] - corners[a, k]
+        along += edge * (p[k] - corners[a, k])
+        length += edge * edge
+    share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+    square = 0.0
+    for k in range(3):
+        square += (corners[a, k] + share * (corners[b, k] - corners[a, k]) - p[k]) ** 2
+    return square
+
+
+@kernel
+def distance_to_polytope(
+    p: Floats,
+    vertices: Floats,
+    loops: Indices,
+    loop_offsets: Indices,
+    planes: Floats,
+    first_facet: int,
+    last_facet: int,
+    limit: float,
+) -> float:
+    """Distance of a point from a convex polytope [m], 0 inside; any number of at least `limit` beyond that.
+
+    Args:
+        p: (3,).
+        vertices, loops, loop_offsets, planes: see `FacetSet`.
+        first_facet, last_facet: the polytope's facets, the latter exclusive.
+        limit: [m].
+    """
+    highest = -np.inf
+    for facet in range(first_facet, last_facet):
+        height = planes[facet, 0] * p[0] + planes[facet, 1] * p[1] + planes[facet, 2] * p[2] - planes[facet, 3]
+        highest = max(highest, height)
+        if highest >= limit:
+            return highest
+    if highest <= 0.0:
+        return 0.0
+    square = np.inf
+    for facet in range(first_facet, last_facet):
+        n0, n1, n2 = planes[facet, 0], planes[facet, 1], planes[facet, 2]
+        height = n0 * p[0] + n1 * p[1] + n2 * p[2] - planes[facet, 3]
+        if height <= 0.0:
+            continue
+        # The nearest point is on a facet that the point sees: inside it, or on an edge of it.
+        above = True
+        begin, end = loop_offsets[facet], loop_offsets[facet + 1]
+        for i in range(begin, end):
+            a, b = loops[i], loops[i + 1 if i + 1 < end else begin]
+            e0, e1, e2 = (
+                vertices[b, 0] - vertices[a, 0],
+                vertices[b, 1] - vertices[a, 1],
+                vertices[b, 2] - vertices[a, 2],
+            )
+            d0, d1, d2 = p[0] - vertices[a, 0], p[1] - vertices[a, 1], p[2] - vertices[a, 2]
+            inward = (n1 * e2 - n2 * e1) * d0 + (n2 * e0 - n0 * e2) * d1 + (n0 * e1 - n1 * e0) * d2
+            if inward < 0.0:
+                above = False
+                square = min(square, square_to_segment(p, vertices, a, b))
+        if above:
+            return height
+    return math.sqrt(square)
+
+
+@kernel
+def buckets_of_boxes(boxes: Floats, lower: Floats, upper: Floats, size: int) -> tuple[Indices, Indices]:
+    """Files boxes in a grid of size^3 buckets between `lower` and `upper`.
+
+    Args:
+        boxes: (b, 2, 3) lower and upper corners.
+
+    Returns:
+        begin (size^3 + 1,) of each bucket's list, and the lists, one after the other.
+    """
+    bodies = boxes.shape[0]
+    ranges = np.empty((bodies, 3, 2), np.int64)
+    for body in range(bodies):
+        for k in range(3):
+            scale = size / (upper[k] - lower[k]) if upper[k] > lower[k] else 0.0
+            ranges[body, k, 0] = min(max(int((boxes[body, 0, k] - lower[k]) * scale), 0), size - 1)
+            ranges[body, k, 1] = min(max(int((boxes[body, 1, k] - lower[k]) * scale), 0), size - 1)
+        for k in range(3):
+            if boxes[body, 1, k] < lower[k] or boxes[body, 0, k] > upper[k]:
+                # An empty range along one axis files the box nowhere.
+                ranges[body, 0, 0], ranges[body, 0, 1] = 0, -1
+    begin = np.zeros(size**3 + 1, np.int64)
+    fill = np.zeros(size**3, np.int64)
+    lists = np.empty(0, np.int64)
+    for counting in (True, False):
+        for body in range(bodies):
+            for i in range(ranges[body, 0, 0], ranges[body, 0, 1] + 1):
+                for j in range(ranges[body, 1, 0], ranges[body, 1, 1] + 1):
+                    for k in range(ranges[body, 2, 0], ranges[body, 2, 1] + 1):
+                        bucket = (i * size + j) * size + k
+                        if counting:
+                            begin[bucket + 1] += 1
+                        else:
+                            lists[fill[bucket]] = body
+                            fill[bucket] += 1
+        if counting:
+            for bucket in range(size**3):
+                begin[bucket + 1] += begin[bucket]
+                fill[bucket] = begin[bucket]
+            lists = np.empty(begin[size**3], np.int64)
+    return begin, lists
+
+
+@kernel
+def clearances(
+    points: Floats,
+    vertices: Floats,
+    vertex_offsets: Indices,
+    loops: Indices,
+    loop_offsets: Indices,
+    planes: Floats,
+    facet_offsets: Indices,
+    cap: float,
+) -> Floats:
+    """Distance of points from the nearest convex polytope, cut off at `cap`.
+
+    Args:
+        points: (m, 3).
+        vertices, vertex_offsets, loops, loop_offsets, planes, facet_offsets: see `FacetSet`.
+        cap: [m], positive.
+
+    Returns:
+        (m,) [m].
+    """
+    count, bodies = points.shape[0], vertex_offsets.shape[0] - 1
+    result = np.full(count, cap)
+    if count == 0 or bodies == 0:
+        return result
+    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(count):
+        for k in range(3):
+            lower[k] = min(lower[k], points[i, k])
+            upper[k] = max(upper[k], points[i, k])
+    boxes = np.empty((bodies, 2, 3))
+    for body in range(bodies):
+        for k in range(3):
+            boxes[body, 0, k], boxes[body, 1, k] = np.inf, -np.inf
+            for i in range(vertex_offsets[body], vertex_offsets[body + 1]):
+                boxes[body, 0, k] = min(boxes[body, 0, k], vertices[i, k] - cap)
+                boxes[body, 1, k] = max(boxes[body, 1, k], vertices[i, k] + cap)
+    # About as many buckets as polytopes.
+    size = math.ceil(bodies ** (1.0 / 3.0))
+    begin, lists = buckets_of_boxes(boxes, lower, upper, size)
+
+    for i in range(count):
+        bucket = 0
+        for k in range(3):
+            scale = size / (upper[k] - lower[k]) if upper[k] > lower[k] else 0.0
+            bucket = bucket * size + min(max(int((points[i, k] - lower[k]) * scale), 0), size - 1)
+        nearest = cap
+        for index in range(begin[bucket], begin[bucket + 1]):
+            body = lists[index]
+            # The distance from the box is a lower bound.
+            square = 0.0
+            for k in range(3):
+                gap = max(boxes[body, 0, k] + cap - points[i, k], points[i, k] - boxes[body, 1, k] + cap, 0.0)
+                square += gap * gap
+            if square >= nearest * nearest:
+                continue
+            distance = distance_to_polytope(
+                points[i], vertices, loops, loop_offsets, planes, facet_offsets[body], facet_offsets[body + 1], nearest
+            )
+            nearest = min(nearest, distance)
+        result[i] = nearest
+    return result

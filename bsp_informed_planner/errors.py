@@ -1,0 +1,350 @@
+"""Everything that can go wrong, one class a failure, each with the data that a caller needs to act.
+
+The library raises these and knows nothing of error codes; `bsp_informed_planner.nodes.error_codes` maps each class to a
+MoveIt error code, once. The text of an exception is a sentence that names the culprit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class BspPlannerError(Exception):
+    """Base of all errors of this package."""
+
+
+# --- scene ---------------------------------------------------------------------------------------------------------
+
+
+class SceneError(BspPlannerError):
+    """A scene, or a change of it, is not usable."""
+
+
+class InvalidObstacleError(SceneError):
+    """An obstacle's data make no solid body: NaN, a size of zero, a mesh without volume, a wrong index.
+
+    Attributes:
+        obstacle_id: which obstacle.
+        reason: what is wrong with it.
+    """
+
+    def __init__(self, obstacle_id: str, reason: str) -> None:
+        self.obstacle_id = obstacle_id
+        self.reason = reason
+        super().__init__(f"obstacle '{obstacle_id}': {reason}")
+
+
+class UnknownObstacleError(SceneError):
+    """An operation names an obstacle that is not in the scene.
+
+    Attributes:
+        obstacle_id: the id that was named.
+        operation: what was to be done with it, e.g. "MOVE".
+        known: ids of the scene.
+    """
+
+    def __init__(self, obstacle_id: str, operation: str, known: Sequence[str]) -> None:
+        self.obstacle_id = obstacle_id
+        self.operation = operation
+        self.known = tuple(known)
+        listed = ", ".join(self.known[:10]) + (", ..." if len(self.known) > 10 else "")
+        super().__init__(f"{operation}: no obstacle '{obstacle_id}' in the scene (it has: {listed or 'none'})")
+
+
+class InvalidWorkspaceError(SceneError):
+    """Workspace bounds are not finite, or the lower is not below the upper."""
+
+
+class SceneFormatError(SceneError):
+    """A scene file cannot be read.
+
+    Attributes:
+        path: the file.
+        reason: what is wrong, with the place in the file.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class SceneUnavailableError(SceneError):
+    """No scene has been received yet."""
+
+
+class SceneRefusedError(SceneError):
+    """The newest scene message was refused, so the scene in force is not what its sender believes.
+
+    Attributes:
+        reason: the sentence of the refusal.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"the newest scene message was refused ({reason}); send a correct one before planning")
+
+
+class EmptySceneError(SceneError):
+    """The scene holds no obstacle, which on a robot mostly means that whoever publishes it is broken."""
+
+
+class SceneRevisionError(SceneError):
+    """A plan was asked for on a revision that is not the one in force.
+
+    Attributes:
+        asked: the revision of the request.
+        available: the revision in force.
+    """
+
+    def __init__(self, asked: int, available: int) -> None:
+        self.asked = asked
+        self.available = available
+        super().__init__(f"scene revision {asked} was asked for, revision {available} is in force")
+
+
+class UnknownFrameError(BspPlannerError):
+    """A frame is neither the planning frame nor a frame of the robot.
+
+    Attributes:
+        frame: the name that was given.
+        known: names that would have been understood.
+    """
+
+    def __init__(self, frame: str, known: Sequence[str]) -> None:
+        self.frame = frame
+        self.known = tuple(known)
+        listed = ", ".join(self.known[:12]) + (", ..." if len(self.known) > 12 else "")
+        super().__init__(f"unknown frame '{frame}' (known: {listed})")
+
+
+# --- robot ---------------------------------------------------------------------------------------------------------
+
+
+class RobotError(BspPlannerError):
+    """A robot description is not usable."""
+
+
+class RobotDescriptionError(RobotError):
+    """A URDF or SRDF cannot be read, or a mesh of it is missing."""
+
+
+class UnsupportedJointError(RobotError):
+    """A joint of a kind that cannot be planned for.
+
+    Attributes:
+        joint: its name.
+        kind: e.g. "mimic", "floating".
+    """
+
+    def __init__(self, joint: str, kind: str) -> None:
+        self.joint = joint
+        self.kind = kind
+        super().__init__(
+            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints are supported"
+        )
+
+
+class UnknownJointError(RobotError):
+    """A state names joints that the robot does not have.
+
+    Attributes:
+        joints: the unknown names.
+        known: the names of the robot's joints.
+    """
+
+    def __init__(self, joints: Sequence[str], known: Sequence[str]) -> None:
+        self.joints = tuple(joints)
+        self.known = tuple(known)
+        super().__init__(f"unknown joint(s) {', '.join(self.joints)}; the robot has {', '.join(self.known)}")
+
+
+# --- problem -------------------------------------------------------------------------------------------------------
+
+
+class ProblemError(BspPlannerError):
+    """A planning problem is ill-posed. `state` says which end: "start" or "goal"."""
+
+    state: str
+
+
+class InvalidStateError(ProblemError):
+    """A state has the wrong number of joints, or a value that is not finite.
+
+    Attributes:
+        state: "start" or "goal".
+        reason: what is wrong.
+    """
+
+    def __init__(self, state: str, reason: str) -> None:
+        self.state = state
+        self.reason = reason
+        super().__init__(f"{state}: {reason}")
+
+
+class StateOutsideLimitsError(ProblemError):
+    """A joint is outside its limits.
+
+    Attributes:
+        state: "start" or "goal".
+        joint: name of the first joint that is.
+        value, lower, upper: its value and limits [rad or m].
+    """
+
+    def __init__(self, state: str, joint: str, value: float, lower: float, upper: float) -> None:
+        self.state = state
+        self.joint = joint
+        self.value = value
+        self.lower = lower
+        self.upper = upper
+        super().__init__(f"{state}: joint '{joint}' at {value:.4f} is outside its limits [{lower:.4f}, {upper:.4f}]")
+
+
+class StateInCollisionError(ProblemError):
+    """A state is in collision.
+
+    Attributes:
+        state: "start" or "goal".
+        bodies: the names of two bodies that touch: links of the robot, or obstacles.
+    """
+
+    def __init__(self, state: str, bodies: tuple[str, str]) -> None:
+        self.state = state
+        self.bodies = bodies
+        super().__init__(f"{state}: '{bodies[0]}' collides with '{bodies[1]}'")
+
+
+class UnreachablePoseError(ProblemError):
+    """Inverse kinematics found no configuration for a goal pose.
+
+    Attributes:
+        position: the position asked for [m].
+        frame: the frame of the robot that was to be brought there.
+    """
+
+    def __init__(self, position: Sequence[float], frame: str, state: str = "goal") -> None:
+        self.state = state
+        self.position = tuple(float(v) for v in position)
+        self.frame = frame
+        at = ", ".join(f"{v:.3f}" for v in self.position)
+        super().__init__(f"{state}: no configuration brings frame '{frame}' to the pose at ({at}) m")
+
+
+class NoGoalError(ProblemError):
+    """A request without any goal."""
+
+    def __init__(self) -> None:
+        self.state = "goal"
+        super().__init__("no goal was given: neither joint states nor poses")
+
+
+class StateUnavailableError(BspPlannerError):
+    """A request leaves joints to `joint_states`, and no message there has named them yet.
+
+    Attributes:
+        joints: the joints whose positions are not known.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self.joints = tuple(joints)
+        super().__init__(f"start: no position of joint(s) {', '.join(self.joints)} in the request or on joint_states")
+
+
+class InvalidOptionError(BspPlannerError):
+    """An option of a request or parameter is outside its range.
+
+    Attributes:
+        option: its name.
+        value: what was given.
+        expected: the range in words.
+    """
+
+    def __init__(self, option: str, value: object, expected: str) -> None:
+        self.option = option
+        self.value = value
+        self.expected = expected
+        super().__init__(f"{option} = {value!r}: expected {expected}")
+
+
+class UnknownPlannerError(BspPlannerError):
+    """An unknown planner id.
+
+    Attributes:
+        planner_id: what was asked for.
+        known: the ids that exist.
+    """
+
+    def __init__(self, planner_id: str, known: Sequence[str]) -> None:
+        self.planner_id = planner_id
+        self.known = tuple(known)
+        super().__init__(f"unknown planner_id '{planner_id}' (known: {', '.join(self.known)})")
+
+
+class UnknownSamplerError(BspPlannerError):
+    """An unknown sampler id, or model of the inference node.
+
+    Attributes:
+        sampler_id: what was asked for.
+        known: the ids that exist.
+    """
+
+    def __init__(self, sampler_id: str, known: Sequence[str]) -> None:
+        self.sampler_id = sampler_id
+        self.known = tuple(known)
+        super().__init__(f"unknown sampler_id '{sampler_id}' (known: {', '.join(self.known)})")
+
+
+# --- search --------------------------------------------------------------------------------------------------------
+
+
+class PlanningFailedError(BspPlannerError):
+    """The search ended without a verified path."""
+
+
+class PlanningTimeoutError(PlanningFailedError):
+    """The time was over before a verified path was found.
+
+    Attributes:
+        allowed_seconds: the time that was allowed [s].
+        samples: how many samples had been drawn.
+    """
+
+    def __init__(self, allowed_seconds: float, samples: int) -> None:
+        self.allowed_seconds = allowed_seconds
+        self.samples = samples
+        super().__init__(f"no path found within {allowed_seconds:.2f} s ({samples} samples)")
+
+
+class SamplesExhaustedError(PlanningFailedError):
+    """All samples allowed were drawn without finding a path.
+
+    Attributes:
+        samples: how many.
+    """
+
+    def __init__(self, samples: int) -> None:
+        self.samples = samples
+        super().__init__(f"no path found with {samples} samples")
+
+
+class PlanningCancelledError(PlanningFailedError):
+    """The search was cancelled by its caller."""
+
+    def __init__(self) -> None:
+        super().__init__("planning was cancelled")
+
+
+class TrajectoryTimingError(BspPlannerError):
+    """No timing within the velocity and acceleration limits was found for a path."""
+
+
+class KeypointsUnavailableError(BspPlannerError):
+    """No keypoint chain connects start and goal; `reason` says why."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(reason)
+
+
+class InvalidDecompositionError(BspPlannerError):
+    """The arrays of a decomposition, e.g. of a received one, do not fit together."""

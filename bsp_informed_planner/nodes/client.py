@@ -1,0 +1,164 @@
+"""A client of the suite, for scripts, tests and the demo: publishes scenes and calls `plan`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, PlanRequest, PlanResponse, SceneStatus
+from bsp_informed_planner_msgs.srv import Plan
+from geometry_msgs.msg import PoseStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError
+from bsp_informed_planner.nodes.error_codes import ErrorCode
+from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.nodes.scene_conversions import pose_to_msg, scene_to_msg
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.planning_problem import ScenarioProblem
+from bsp_informed_planner.scene.scene import Scene
+
+
+class SuiteUnavailableError(BspPlannerError):
+    """The nodes are not there, or do not answer; the text says what was waited for."""
+
+
+class SuiteClient:
+    """Talks to the three nodes in the namespace of a node of the caller's.
+
+    Its methods wait. They spin an executor of their own, so they must not be called from a callback.
+
+    Args:
+        node: made by the caller, not added to any executor.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+        self._publisher = node.create_publisher(ObstacleScene, "obstacle_scene", LATCHED)
+        self._plan = node.create_client(Plan, "plan")
+        self._status: SceneStatus | None = None
+        self._statuses = 0
+        self.keypoint_graph: KeypointGraph | None = None
+        node.create_subscription(SceneStatus, "scene_status", self._on_status, LATCHED)
+        node.create_subscription(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
+
+    def close(self) -> None:
+        """Leave the node to its owner."""
+        self._executor.remove_node(self._node)
+        self._executor.shutdown()
+
+    def wait_for_nodes(self, seconds: float, alive: Callable[[], None] | None = None) -> None:
+        """Wait until the decomposition node listens and `plan` is served, by a planner node that has guidance.
+
+        Args:
+            seconds: longest wait [s].
+            alive: called now and then; may raise, e.g. because a process has ended.
+
+        Raises:
+            SuiteUnavailableError: naming what is missing.
+        """
+
+        def missing() -> list[str]:
+            lacking = [] if self._publisher.get_subscription_count() else ["a subscriber of obstacle_scene"]
+            services = {name.rsplit("/", 1)[-1] for name, _ in self._node.get_service_names_and_types()}
+            lacking += [
+                f"service {name}"
+                for name in ("plan", "estimate_keypoints", "sample_configurations")
+                if name not in services
+            ]
+            return lacking
+
+        if not self._spin_until(lambda: not missing(), seconds, alive):
+            raise SuiteUnavailableError(f"after {seconds:.0f} s there is still no {', no '.join(missing())}")
+        if not self._spin_until(self._plan.service_is_ready, seconds, alive):
+            raise SuiteUnavailableError(f"service {self._plan.srv_name} is not ready after {seconds:.0f} s")
+
+    def publish_scene(self, scene: Scene, seconds: float = 10.0) -> int:
+        """Publish a whole scene and wait until it is in force.
+
+        Args:
+            scene: the obstacles.
+            seconds: longest wait [s].
+
+        Returns:
+            its revision.
+
+        Raises:
+            SceneRefusedError: if the decomposition node refused it.
+            SuiteUnavailableError: if it said nothing.
+        """
+        message = scene_to_msg(scene)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        # A latched status of an earlier scene may arrive first: only what comes after the scene is sent counts.
+        self._spin_until(lambda: self._statuses > 0, 0.3)
+        before = self._statuses
+        self._publisher.publish(message)
+        if not self._spin_until(lambda: self._statuses > before, seconds):
+            raise SuiteUnavailableError(f"the decomposition node did not answer a scene within {seconds:.0f} s")
+        assert self._status is not None
+        if self._status.error_code != ErrorCode.SUCCESS:
+            raise SceneRefusedError(self._status.message)
+        revision = int(self._status.revision)
+        graph_there = lambda: self.keypoint_graph is not None and self.keypoint_graph.scene_revision == revision  # noqa: E731
+        if not self._spin_until(graph_there, seconds):
+            raise SuiteUnavailableError(f"no keypoint_graph of scene {revision} within {seconds:.0f} s")
+        return revision
+
+    def plan(self, request: PlanRequest, seconds: float) -> PlanResponse:
+        """Call `plan`.
+
+        Args:
+            request: what to plan.
+            seconds: longest wait for the answer, beyond the time that planning itself may take [s].
+
+        Raises:
+            SuiteUnavailableError: if no answer came.
+        """
+        future = self._plan.call_async(Plan.Request(request=request))
+        if not self._spin_until(future.done, seconds + request.allowed_planning_time):
+            self._plan.remove_pending_request(future)
+            raise SuiteUnavailableError(f"service {self._plan.srv_name} did not answer")
+        return future.result().response
+
+    def _on_status(self, message: SceneStatus) -> None:
+        self._status = message
+        self._statuses += 1
+
+    def _on_graph(self, message: KeypointGraph) -> None:
+        self.keypoint_graph = message
+
+    def _spin_until(
+        self, condition: Callable[[], bool], seconds: float, alive: Callable[[], None] | None = None
+    ) -> bool:
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            if alive is not None:
+                alive()
+            self._executor.spin_once(timeout_sec=0.05)
+        return True
+
+
+def request_for(problem: ScenarioProblem, robot: Robot, allowed_seconds: float, seed: int = 0) -> PlanRequest:
+    """The request that states a problem.
+
+    Args:
+        problem: start and goals.
+        robot: names the joints.
+        allowed_seconds: planning time [s].
+        seed: of the planner; 0: it draws one.
+    """
+    names = list(robot.joint_names)
+    request = PlanRequest(allowed_planning_time=allowed_seconds, seed=seed)
+    request.start = JointState(name=names, position=problem.start.tolist())
+    request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in problem.goals]
+    for pose in problem.goal_poses:
+        stamped = PoseStamped(pose=pose_to_msg(pose))
+        stamped.header.frame_id = problem.scene.frame
+        request.goal_poses.append(stamped)
+    return request

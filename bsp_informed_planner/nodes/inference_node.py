@@ -1,0 +1,181 @@
+"""The inference node: serves keypoint chains, and samples around them.
+
+Until networks are trained there is one model, "bsp": exact keypoints of the decomposition, lifted to configurations by
+inverse kinematics, with a Gaussian tube around their chain.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from array import array
+from dataclasses import dataclass
+
+import numpy as np
+from bsp_informed_planner_msgs.srv import EstimateKeypoints, SampleConfigurations
+from rclpy.callback_groups import ReentrantCallbackGroup
+
+from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, InvalidStateError, UnknownSamplerError
+from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
+from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
+from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
+from bsp_informed_planner.nodes.parameters import declare, parameter
+from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
+from bsp_informed_planner.nodes.scene_conversions import point_to_msg
+from bsp_informed_planner.nodes.world import WorldTracker
+from bsp_informed_planner.planning.validation import free_state
+from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
+from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
+from bsp_informed_planner.sampling.tube import tube_sampler
+from bsp_informed_planner.scene.pose import FloatArray
+
+logger = logging.getLogger(__name__)
+
+MODELS = ("bsp",)
+MAX_SAMPLES = 100_000
+
+
+@dataclass(frozen=True)
+class InferenceParameters(RobotParameters):
+    """Parameters of the inference node."""
+
+    model: str = parameter("bsp", "Model that serves requests that name none.", choices=MODELS)
+    allow_empty_scene: bool = parameter(True, "Serve scenes without obstacles.")
+    max_seconds: float = parameter(2.0, "Most time for the chains of one request [s].", minimum=0.01, maximum=60.0)
+    sigma: float = parameter(0.2, "Standard deviation of samples around a chain [rad].", minimum=1e-3, maximum=3.0)
+
+
+class InferenceNode(PlannerSuiteNode):
+    """Serves `estimate_keypoints` and `sample_configurations` for the scene in force."""
+
+    def __init__(self, **options: object) -> None:
+        super().__init__("inference_node", **options)
+
+    def setup(self) -> None:
+        self._parameters = declare(self, InferenceParameters)
+        self._options = KeypointGuideOptions(sigma=self._parameters.sigma)
+        self._served = 0
+        self._last_seconds = 0.0
+        self._world = WorldTracker(self, self._parameters.allow_empty_scene)
+        self._robot_source = RobotSource(self, self._parameters, self._world.set_robot, self.note_error)
+        group = ReentrantCallbackGroup()
+        self._services_offered = [
+            self.create_service(EstimateKeypoints, "estimate_keypoints", self._on_estimate, callback_group=group),
+            self.create_service(SampleConfigurations, "sample_configurations", self._on_sample, callback_group=group),
+        ]
+
+    def teardown(self) -> None:
+        for service in self._services_offered:
+            self.destroy_service(service)
+        self._robot_source.close()
+        self._world.close()
+
+    def diagnostic_values(self) -> dict[str, object]:
+        return {
+            "model": self._parameters.model,
+            "scene_revision": self._world.revision,
+            "requests_served": self._served,
+            "last_inference_seconds": round(self._last_seconds, 6),
+        }
+
+    def _on_estimate(
+        self, request: EstimateKeypoints.Request, response: EstimateKeypoints.Response
+    ) -> EstimateKeypoints.Response:
+        begin = time.monotonic()
+        try:
+            self._estimate(request, response, begin + self._parameters.max_seconds)
+        except Exception as error:  # noqa: BLE001 -- every request gets an answer
+            self._refuse(error, response)
+        self._served += 1
+        self._last_seconds = response.inference_seconds = time.monotonic() - begin
+        return response
+
+    def _estimate(
+        self, request: EstimateKeypoints.Request, response: EstimateKeypoints.Response, deadline: float
+    ) -> None:
+        response.model = self._model(request.model)
+        world = self._world.current(int(request.scene_revision))
+        response.scene_revision = world.revision
+        checker = world.planner.checker()
+        start = free_state(world.robot, checker, "start", np.array(request.start))
+        goals = self._rows("goal", request.goals, request.joints, world.robot.dof)
+        if not len(goals):
+            raise InvalidStateError("goal", "no goal was given")
+        goals = np.array([free_state(world.robot, checker, "goal", goal) for goal in goals])
+        guide = ExactKeypointGuide(world.robot, world.planner.decomposition, self._options)
+        chains = guide.chains(start, goals, checker, lambda: time.monotonic() > deadline)
+        chains = chains[: max(int(request.max_chains), 1)]
+        response.configurations = float64_field(np.concatenate([chain.configurations for chain in chains]))
+        response.joints = world.robot.dof
+        response.chain_offsets = uint32_field(np.cumsum([0] + [len(chain.configurations) for chain in chains]))
+        response.keypoints = [point_to_msg(point) for chain in chains for point in chain.keypoints]
+        response.error_code = int(ErrorCode.SUCCESS)
+        response.message = (
+            f"{len(chains)} chains of {', '.join(str(len(chain.keypoints) - 2) for chain in chains)} keypoints"
+        )
+
+    def _on_sample(
+        self, request: SampleConfigurations.Request, response: SampleConfigurations.Response
+    ) -> SampleConfigurations.Response:
+        begin = time.monotonic()
+        try:
+            self._sample(request, response)
+        except Exception as error:  # noqa: BLE001 -- every request gets an answer
+            self._refuse(error, response)
+        self._served += 1
+        self._last_seconds = response.inference_seconds = time.monotonic() - begin
+        return response
+
+    def _sample(self, request: SampleConfigurations.Request, response: SampleConfigurations.Response) -> None:
+        response.model = self._model(request.model)
+        world = self._world.current(int(request.scene_revision))
+        response.scene_revision = world.revision
+        robot = world.robot
+        if not 1 <= request.count <= MAX_SAMPLES:
+            raise InvalidOptionError("count", request.count, f"1 to {MAX_SAMPLES}")
+        configurations = self._rows("chain", request.configurations, request.joints, robot.dof)
+        offsets = np.array(request.chain_offsets, dtype=np.int64)
+        if len(offsets) < 2 or offsets[0] != 0 or offsets[-1] != len(configurations) or (np.diff(offsets) < 2).any():
+            raise InvalidOptionError(
+                "chain_offsets", offsets.tolist(), "offsets from 0 to the number of rows, two rows a chain at least"
+            )
+        chains = [configurations[begin:end] for begin, end in zip(offsets[:-1], offsets[1:], strict=True)]
+        guide = ExactKeypointGuide(robot, world.planner.decomposition, self._options)
+        sampler = tube_sampler(chains, guide.sigma, robot.lower, robot.upper)
+        rng = np.random.default_rng(int(request.seed) or None)
+        response.samples = float64_field(sampler.sample(rng, int(request.count)))
+        response.joints = robot.dof
+        response.error_code = int(ErrorCode.SUCCESS)
+
+    def _model(self, name: str) -> str:
+        name = name or self._parameters.model
+        if name not in MODELS:
+            raise UnknownSamplerError(name, MODELS)
+        return name
+
+    def _rows(self, name: str, values: array[float], joints: int, dof: int) -> FloatArray:
+        if joints != dof:
+            raise InvalidStateError(name, f"{joints} joints, but the robot has {dof}")
+        try:
+            table = rows(values, dof, name)
+        except ValueError as error:
+            raise InvalidStateError(name, str(error)) from error
+        if not np.isfinite(table).all():
+            raise InvalidStateError(name, "a value is not finite")
+        return table
+
+    def _refuse(self, error: Exception, response: EstimateKeypoints.Response | SampleConfigurations.Response) -> None:
+        response.error_code = int(error_code(error))
+        response.message = str(error)
+        if not isinstance(error, BspPlannerError):
+            # A caller must never wait for an answer that does not come.
+            logger.error("while serving a request", exc_info=error)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `inference_node`."""
+    run(InferenceNode, args)
+
+
+if __name__ == "__main__":
+    main()

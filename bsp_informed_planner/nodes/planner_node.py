@@ -1,0 +1,258 @@
+"""The planner node: answers `plan` and `plan_motion` with verified, timed paths."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from bsp_informed_planner_msgs.action import PlanMotion
+from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
+from bsp_informed_planner_msgs.srv import Plan
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
+from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
+from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
+from bsp_informed_planner.nodes.parameters import declare, parameter
+from bsp_informed_planner.nodes.plan_conversions import options_from_msg, problem_from_msg, response_from_result
+from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.nodes.remote_guidance import InferenceUnavailableError, RemoteGuide
+from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
+from bsp_informed_planner.nodes.world import World, WorldTracker
+from bsp_informed_planner.planning.planner import PreparedPlan
+from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanOptions, PlanResult
+from bsp_informed_planner.planning.search import Progress
+from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.visualization.markers import plan_markers
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class PlannerParameters(RobotParameters):
+    """Parameters of the planner node."""
+
+    planner_id: str = parameter("anytime", "Planner of requests that name none.", choices=PLANNER_IDS)
+    sampler_id: str = parameter("keypoint_tube", "Sampler of requests that name none.", choices=SAMPLER_IDS)
+    allowed_planning_time: float = parameter(5.0, "Time of requests that give none [s].", minimum=0.01, maximum=600.0)
+    max_seconds: float = parameter(60.0, "Longest time that a request may ask for [s].", minimum=0.01, maximum=3600.0)
+    uniform_fraction: float = parameter(0.5, "Share of uniform samples, lambda.", minimum=0.0, maximum=1.0)
+    search_resolution: float = parameter(
+        0.0,
+        "While searching, no point of the robot moves further between two checks [m]; 0: the robot's default.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    verification_resolution: float = parameter(
+        0.0, "The same for the path that is returned [m]; 0: the robot's default.", minimum=0.0, maximum=1.0
+    )
+    padding: float = parameter(0.0, "Distance kept from obstacles [m].", minimum=0.0, maximum=1.0)
+    blend_deviation: float = parameter(
+        0.05, "How far the timed path may leave the corners of the path [rad].", minimum=0.0, maximum=1.0
+    )
+    trajectory_time_step: float = parameter(0.02, "Between two points of a trajectory [s].", minimum=1e-3, maximum=1.0)
+    allow_empty_scene: bool = parameter(False, "Plan in a scene without obstacles, instead of refusing to.")
+    use_inference: bool = parameter(True, "Ask the inference node for guidance; false: find keypoints here.")
+    inference_timeout: float = parameter(1.0, "Longest wait for the inference node [s].", minimum=0.01, maximum=60.0)
+    workers: int = parameter(2, "How many plans are worked on at once.", minimum=1, maximum=64)
+
+    def plan_options(self) -> PlanOptions:
+        """Options of a request that leaves everything open."""
+        return PlanOptions(
+            planner_id=self.planner_id,
+            sampler_id=self.sampler_id,
+            allowed_seconds=self.allowed_planning_time,
+            uniform_fraction=self.uniform_fraction,
+            search_resolution=self.search_resolution or None,
+            verification_resolution=self.verification_resolution or None,
+            padding=self.padding,
+            blend_deviation=self.blend_deviation,
+            time_step=self.trajectory_time_step,
+        )
+
+
+class PlannerNode(PlannerSuiteNode):
+    """Serves `plan` and `plan_motion`; publishes `trajectory` and `plan_markers` of each plan that succeeds.
+
+    Plans run in worker threads. The callbacks of the executor only hand requests over and wait for nothing, so the
+    scene can change while plans run: each is made, and checked, for the revision that was in force when it began.
+    """
+
+    def __init__(self, **options: object) -> None:
+        super().__init__("planner_node", **options)
+
+    def setup(self) -> None:
+        self._parameters = declare(self, PlannerParameters)
+        self._defaults = self._parameters.plan_options()
+        self._joint_states: dict[str, float] = {}
+        self._joint_lock = threading.Lock()
+        self._plans = 0
+        self._failures = 0
+        self._stopping = threading.Event()
+        self._workers = ThreadPoolExecutor(self._parameters.workers, thread_name_prefix="plan")
+        self._world = WorldTracker(self, self._parameters.allow_empty_scene)
+        self._robot_source = RobotSource(self, self._parameters, self._world.set_robot, self.note_error)
+        self._guide = RemoteGuide(self, self._parameters.inference_timeout)
+        self._trajectory_publisher = self.create_publisher(JointTrajectory, "trajectory", LATCHED)
+        self._marker_publisher = self.create_publisher(MarkerArray, "plan_markers", LATCHED)
+        self._joint_subscription = self.create_subscription(
+            JointState, "joint_states", self._on_joint_states, 10, callback_group=MutuallyExclusiveCallbackGroup()
+        )
+        group = ReentrantCallbackGroup()
+        self._service = self.create_service(Plan, "plan", self._on_plan, callback_group=group)
+        self._action = ActionServer(
+            self,
+            PlanMotion,
+            "plan_motion",
+            self._on_plan_motion,
+            callback_group=group,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def teardown(self) -> None:
+        self._stopping.set()
+        self._workers.shutdown(wait=True, cancel_futures=True)
+        self._action.destroy()
+        self.destroy_service(self._service)
+        self.destroy_subscription(self._joint_subscription)
+        self.destroy_publisher(self._trajectory_publisher)
+        self.destroy_publisher(self._marker_publisher)
+        self._guide.close()
+        self._robot_source.close()
+        self._world.close()
+
+    def diagnostic_values(self) -> dict[str, object]:
+        return {"scene_revision": self._world.revision, "plans": self._plans, "failures": self._failures}
+
+    def destroy_node(self) -> None:
+        # Worker threads must not outlive the node that they log to.
+        if hasattr(self, "_stopping"):
+            self._stopping.set()
+            self._workers.shutdown(wait=True, cancel_futures=True)
+        super().destroy_node()
+
+    def _on_joint_states(self, message: JointState) -> None:
+        with self._joint_lock:
+            self._joint_states.update(zip(message.name, message.position, strict=False))
+
+    async def _on_plan(self, request: Plan.Request, response: Plan.Response) -> Plan.Response:
+        response.response = await self._in_worker(lambda: self._plan(request.request, self._stopping.is_set, None))
+        return response
+
+    async def _on_plan_motion(self, goal: ServerGoalHandle) -> PlanMotion.Result:
+        def cancelled() -> bool:
+            return bool(goal.is_cancel_requested) or self._stopping.is_set()
+
+        def on_progress(progress: Progress) -> None:
+            goal.publish_feedback(
+                PlanMotion.Feedback(
+                    phase=progress.phase,
+                    elapsed_seconds=progress.elapsed_seconds,
+                    best_cost=progress.best_cost or 0.0,
+                    samples=progress.samples,
+                )
+            )
+
+        request = goal.request.request
+        response = await self._in_worker(lambda: self._plan(request, cancelled, on_progress))
+        if response.error_code == ErrorCode.SUCCESS:
+            goal.succeed()
+        elif response.error_code == ErrorCode.PREEMPTED and goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return PlanMotion.Result(response=response)
+
+    def _in_worker(self, work: Callable[[], PlanResponse]) -> Future:
+        """A future of the executor for work done in a worker thread."""
+        executor = self.executor
+        future = Future(executor=executor)
+
+        def do() -> None:
+            # `_plan` raises nothing: every failure is an answer.
+            future.set_result(work())
+            executor.wake()
+
+        self._workers.submit(do)
+        return future
+
+    def _plan(
+        self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
+    ) -> PlanResponse:
+        """One plan, in a worker thread. Never raises."""
+        self._plans += 1
+        world: World | None = None
+        try:
+            world = self._world.current(int(request.scene_revision))
+            with self._joint_lock:
+                joint_states = dict(self._joint_states)
+            problem = problem_from_msg(request, world.robot, joint_states)
+            options = options_from_msg(request, self._defaults, self._parameters.max_seconds)
+            plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
+            result = world.planner.solve(plan, self._guidance(world, plan))
+        except Exception as error:  # noqa: BLE001 -- every request gets an answer
+            return self._refusal(error, request, world)
+        response = response_from_result(result, world.robot)
+        response.error_code = int(ErrorCode.SUCCESS)
+        response.message = self._summary(result)
+        self.get_logger().info(response.message)
+        self._trajectory_publisher.publish(response.trajectory)
+        self._marker_publisher.publish(plan_markers(world.robot, result))
+        return response
+
+    def _guidance(self, world: World, plan: PreparedPlan) -> Guidance:
+        """From the inference node; else exact keypoints found here; else uniform. The answer says which and why."""
+        if plan.options.sampler_id == "uniform" or not self._parameters.use_inference:
+            return world.planner.guide(plan)
+        plan.search.report("guidance")
+        try:
+            return self._guide.guide(
+                plan.start, plan.goals, world.revision, plan.seed or 1, 0.5 * plan.budget.remaining
+            )
+        except InferenceUnavailableError as error:
+            local = world.planner.guide(plan)
+            reason = f"{error}; {local.fallback_reason or 'keypoints were found in the planner node'}"
+            self.get_logger().warning(reason)
+            return Guidance(local.sampler_id, local.chains, local.sampler, reason, local.seconds)
+
+    def _summary(self, result: PlanResult) -> str:
+        seconds = result.statistics.total_seconds
+        return (
+            f"path of cost {result.cost:.3f} verified on scene {result.scene_revision} after {seconds:.2f} s, "
+            f"{len(result.path)} waypoints, {result.trajectory.duration:.2f} s long"
+        )
+
+    def _refusal(self, error: Exception, request: PlanRequest, world: World | None) -> PlanResponse:
+        self._failures += 1
+        code = error_code(error)
+        if isinstance(error, PlanningCancelledError):
+            self.get_logger().info(str(error))
+        else:
+            self.note_error(f"{code.name}: {error}")
+        if not isinstance(error, BspPlannerError):
+            logger.error("while planning", exc_info=error)
+        return PlanResponse(
+            error_code=int(code),
+            message=str(error),
+            planner_id=request.planner_id or self._defaults.planner_id,
+            sampler_id=request.sampler_id or self._defaults.sampler_id,
+            scene_revision=self._world.revision if world is None else world.revision,
+        )
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `planner_node`."""
+    run(PlannerNode, args)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,288 @@
+"""The planner: validation, guidance, search, verification and timing of one plan."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bsp_informed_planner.collision.certifier import Verdict
+from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.compile_kernels import ensure_compiled
+from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
+from bsp_informed_planner.decomposition.options import DecompositionOptions
+from bsp_informed_planner.errors import (
+    KeypointsUnavailableError,
+    PlanningFailedError,
+    PlanningTimeoutError,
+    SamplesExhaustedError,
+    UnknownFrameError,
+    UnknownPlannerError,
+    UnknownSamplerError,
+)
+from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.path import path_length
+from bsp_informed_planner.planning.problem import (
+    PLANNER_IDS,
+    SAMPLER_IDS,
+    CostHistory,
+    PlanningProblem,
+    PlanOptions,
+    PlanResult,
+    PlanStatistics,
+    Trajectory,
+)
+from bsp_informed_planner.planning.search import Progress, Search
+from bsp_informed_planner.planning.timing import time_path
+from bsp_informed_planner.planning.validation import free_state, goal_configurations
+from bsp_informed_planner.planning.verification import CertifyingChecker
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
+from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
+from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.scene import Scene
+
+logger = logging.getLogger(__name__)
+
+#: Time kept back for timing the path that is returned: a share of what is allowed, at most so many seconds.
+RESERVE_SHARE = 0.15
+RESERVE_SECONDS = 0.3
+#: Checkers of different paddings that are kept.
+MAX_CHECKERS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedPlan:
+    """A validated problem whose time is running.
+
+    Attributes:
+        start: (n,) free.
+        goals: (k, n) free, the nearest first.
+        options: of the plan.
+        seed: of its generator.
+        checker: the judge, of its own.
+        search_checker: keeps a little more distance where start and goals do, so that paths can be certified.
+        budget, search: what it spends, and how.
+    """
+
+    start: FloatArray
+    goals: FloatArray
+    options: PlanOptions
+    seed: int
+    checker: ExactChecker
+    search_checker: ExactChecker
+    budget: Budget
+    search: Search
+
+
+class Planner:
+    """Plans for one robot in one scene.
+
+    The scene and the robot do not change, so an instance may be used by several threads at once: each plan has a
+    collision checker and a generator of its own.
+
+    Args:
+        robot: the robot.
+        scene: what to keep clear of, in the robot's root frame.
+        decomposition: of this scene; None: made when first needed.
+        guide_options: how keypoints are lifted to configurations.
+        decomposition_options: used when the decomposition is made here; None: of the robot's workspace dimension.
+
+    Raises:
+        UnknownFrameError: if the scene is not given in the root frame of the robot.
+        SceneError: if a shape of an obstacle has no volume.
+
+    Example:
+        >>> from bsp_informed_planner.robots.demo_arms import ur5                          # doctest: +SKIP
+        >>> planner = Planner(ur5(), load_scene("shelf.yaml"))                             # doctest: +SKIP
+        >>> result = planner.plan(PlanningProblem(start, [JointGoal(goal)]))               # doctest: +SKIP
+        >>> result.trajectory.positions                                                   # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        *,
+        decomposition: Decomposition | None = None,
+        guide_options: KeypointGuideOptions | None = None,
+        decomposition_options: DecompositionOptions | None = None,
+    ) -> None:
+        if scene.frame != robot.root_frame:
+            raise UnknownFrameError(scene.frame, [robot.root_frame])
+        ensure_compiled()
+        self.robot = robot
+        self.scene = scene
+        self._decomposition = decomposition
+        self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
+        self._guide_options = guide_options
+        self._lock = threading.Lock()
+        self._checkers = {0.0: ExactChecker(robot, scene)}
+
+    @property
+    def decomposition(self) -> Decomposition:
+        """Of the scene; made when first asked for.
+
+        Raises:
+            SceneError: if the scene cannot be decomposed.
+        """
+        if self._decomposition is None:
+            self._decomposition = decompose(self.scene, self._decomposition_options)
+        return self._decomposition
+
+    def checker(self, padding: float = 0.0) -> ExactChecker:
+        """An exact collision checker of its own for the caller. `padding`: distance to keep from obstacles [m]."""
+        with self._lock:
+            if padding not in self._checkers:
+                self._checkers[padding] = ExactChecker(self.robot, self.scene, padding=padding)
+            # Paddings that callers make up must not pile up.
+            if len(self._checkers) > MAX_CHECKERS:
+                self._checkers = {padding: self._checkers[padding]}
+            return self._checkers[padding].clone()
+
+    def plan(
+        self,
+        problem: PlanningProblem,
+        options: PlanOptions | None = None,
+        *,
+        guidance: Guidance | None = None,
+        cancelled: Callable[[], bool] | None = None,
+        on_progress: Callable[[Progress], None] | None = None,
+    ) -> PlanResult:
+        """Plan a verified, timed path.
+
+        Args:
+            problem: from where to where.
+            options: see there.
+            guidance: from elsewhere, e.g. a network; None: made here, as `options.sampler_id` says.
+            cancelled: asked often; True ends the plan.
+            on_progress: told of each phase and each better path.
+
+        Raises:
+            UnknownPlannerError, UnknownSamplerError: an id that does not exist.
+            ProblemError: start or goal are not usable; its subclass says how.
+            PlanningTimeoutError, SamplesExhaustedError: no verified path with the time or samples allowed.
+            PlanningCancelledError: the caller has cancelled.
+        """
+        plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
+        return self.solve(plan, self.guide(plan) if guidance is None else guidance)
+
+    def prepare(
+        self,
+        problem: PlanningProblem,
+        options: PlanOptions | None = None,
+        *,
+        cancelled: Callable[[], bool] | None = None,
+        on_progress: Callable[[Progress], None] | None = None,
+    ) -> PreparedPlan:
+        """The first part of `plan`, for callers that get guidance from elsewhere: its time starts to run here.
+
+        Raises:
+            UnknownPlannerError, UnknownSamplerError, ProblemError, PlanningCancelledError: see `plan`.
+        """
+        options = options or PlanOptions()
+        if options.planner_id not in PLANNER_IDS:
+            raise UnknownPlannerError(options.planner_id, PLANNER_IDS)
+        if options.sampler_id not in SAMPLER_IDS:
+            raise UnknownSamplerError(options.sampler_id, SAMPLER_IDS)
+        seed = secrets.randbits(32) if options.seed is None else options.seed
+        reserve = min(RESERVE_SHARE * options.allowed_seconds, RESERVE_SECONDS)
+        budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled)
+        search = Search(self.robot, options, budget, np.random.default_rng(seed), on_progress)
+        search.report("validating")
+        checker = self.checker(options.padding)
+        start = free_state(self.robot, checker, "start", problem.start)
+        goals = goal_configurations(self.robot, checker, problem, start, options.max_goals)
+        # What keeps a finest interval's distance can be proved free, and that is next to nothing to give up.
+        roomy = self.checker(options.padding + search.verification_resolution)
+        with_room = [goal for goal in goals if roomy.is_free(goal)]
+        if with_room and roomy.is_free(start):
+            return PreparedPlan(start, np.array(with_room), options, seed, checker, roomy, budget, search)
+        return PreparedPlan(start, goals, options, seed, checker, checker, budget, search)
+
+    def guide(self, plan: PreparedPlan) -> Guidance:
+        """Guidance as the plan's options ask for, or uniform with the reason why not."""
+        if plan.options.sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
+            return Guidance("uniform")
+        plan.search.report("guidance")
+        try:
+            guide = ExactKeypointGuide(self.robot, self.decomposition, self._guide_options)
+            # Half of the time at most: without a chain, the other half is still there to search uniformly.
+            half = plan.budget.part(0.5 * plan.budget.remaining)
+            return guide.guide(plan.start, plan.goals, plan.search_checker, half.is_out_of_time)
+        except KeypointsUnavailableError as error:
+            logger.info("no keypoints: %s; sampling uniformly", error.reason)
+            return Guidance("uniform", fallback_reason=f"no keypoints: {error.reason}")
+
+    def solve(self, plan: PreparedPlan, guidance: Guidance) -> PlanResult:
+        """The last part of `plan`: search, verification, timing. A prepared plan is solved once.
+
+        Raises:
+            PlanningTimeoutError, SamplesExhaustedError, PlanningCancelledError: see `plan`.
+        """
+        options, budget, search = plan.options, plan.budget, plan.search
+        last = CertifyingChecker(plan.search_checker, search.verification_resolution)
+        path = search.run(plan.search_checker, last, plan.start, plan.goals, guidance)
+        if path is None:
+            if not budget.samples_left:
+                raise SamplesExhaustedError(budget.samples)
+            raise PlanningTimeoutError(options.allowed_seconds, budget.samples)
+        search.report("timing")
+        judge = CertifyingChecker(plan.checker, search.verification_resolution)
+        trajectory, verdict = self._timed(path, judge, options)
+        search.report("done")
+        return PlanResult(
+            path=path,
+            trajectory=trajectory,
+            cost=path_length(path),
+            certified=verdict is Verdict.CERTIFIED,
+            cost_history=CostHistory(tuple(search.cost_seconds), tuple(search.costs)),
+            planner_id=options.planner_id,
+            guidance=guidance,
+            verification_resolution=search.verification_resolution,
+            scene_revision=self.scene.revision,
+            statistics=self._statistics(plan.seed, search, guidance, last.checks + judge.checks),
+        )
+
+    def _timed(self, path: FloatArray, judge: CertifyingChecker, options: PlanOptions) -> tuple[Trajectory, Verdict]:
+        """Time a verified path, its corners as round as they can be without leaving what is free.
+
+        Raises:
+            PlanningFailedError: if states of the path that were not checked before turn out to collide.
+        """
+        for deviation in (options.blend_deviation, options.blend_deviation / 4.0, 0.0):
+            trajectory = time_path(
+                path,
+                self.robot.velocity_limits * options.velocity_scaling,
+                self.robot.acceleration_limits * options.acceleration_scaling,
+                deviation=deviation,
+                time_step=options.time_step,
+            )
+            verdict = judge.verdict(trajectory.positions)
+            if verdict is not Verdict.COLLIDING:
+                return trajectory, verdict
+        # Without deviation the trajectory stays on the path: a collision can have hidden only between checked states.
+        raise PlanningFailedError("the path found touches an obstacle in states between those checked before")
+
+    def _statistics(self, seed: int, search: Search, guidance: Guidance, checks: int) -> PlanStatistics:
+        decomposition = self._decomposition
+        return PlanStatistics(
+            seed=seed,
+            total_seconds=search.budget.elapsed,
+            decomposition_seconds=0.0 if decomposition is None else decomposition.timings.total_seconds,
+            inference_seconds=guidance.seconds,
+            first_solution_seconds=search.first_solution_seconds,
+            verification_seconds=search.verification_seconds,
+            samples=search.budget.samples,
+            valid_samples=search.budget.valid_samples,
+            nodes=search.nodes,
+            edges_checked=search.budget.edges_checked,
+            exact_checks=checks,
+            cells=0 if decomposition is None else decomposition.cell_count,
+            portals=0 if decomposition is None else decomposition.portal_count,
+            candidates=0 if decomposition is None else decomposition.candidate_count,
+        )

@@ -1,0 +1,200 @@
+"""Planning problems, options and results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.scene.pose import FloatArray, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class JointGoal:
+    """A goal configuration, taken to the letter: a full turn away is another goal. `configuration`: (n,)."""
+
+    configuration: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGoal:
+    """A goal pose: any configuration, of any branch and winding, that brings a frame of the robot there.
+
+    Attributes:
+        pose: in the root frame of the robot [m].
+        frame: of the robot; None: its tool frame.
+    """
+
+    pose: Pose
+    frame: str | None = None
+
+
+Goal = JointGoal | PoseGoal
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningProblem:
+    """From a start configuration (n,) to any of several goals."""
+
+    start: FloatArray
+    goals: Sequence[Goal]
+
+
+PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt")
+SAMPLER_IDS = ("keypoint_tube", "uniform")
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """How to plan.
+
+    Attributes:
+        planner_id: "anytime": straight line, bidirectional start seeded with guidance, shortcut, then RRT* until the
+            time is over; "rrt_connect": the same without RRT*; "rrt_star", "rrt": these alone, as in the paper.
+        sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform".
+        allowed_seconds: time for everything, from validation to timing [s].
+        first_solution: stop at the first verified path.
+        uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
+        max_samples: most samples to draw; None: no bound but time.
+        seed: of the random number generator; None: one is drawn.
+        max_step: longest edge of a tree, eta; None: 3 % of the diagonal of the joint limits [rad or m].
+        search_resolution: no point of the robot moves further than this between states checked while searching [m];
+            None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only slides.
+        verification_resolution: where the path that is returned cannot be proved free, since bodies are almost in
+            touch, it is checked at states between which no point of the robot moves further than this [m]; None:
+            a 96th of the default above.
+        padding: distance to keep from obstacles [m].
+        velocity_scaling, acceleration_scaling: fractions of the robot's limits to use, in (0, 1].
+        blend_deviation: how far the timed path may leave the corners of the planned one [rad or m]; where that is not
+            free, it gets closer, and stops in the corner at last.
+        time_step: between two points of the trajectory [s].
+        max_goals: most goal configurations (branches and windings) made from each pose.
+    """
+
+    planner_id: str = "anytime"
+    sampler_id: str = "keypoint_tube"
+    allowed_seconds: float = 5.0
+    first_solution: bool = False
+    uniform_fraction: float = 0.5
+    max_samples: int | None = None
+    seed: int | None = None
+    max_step: float | None = None
+    search_resolution: float | None = None
+    verification_resolution: float | None = None
+    padding: float = 0.0
+    velocity_scaling: float = 1.0
+    acceleration_scaling: float = 1.0
+    blend_deviation: float = 0.05
+    time_step: float = 0.02
+    max_goals: int = 16
+
+    def __post_init__(self) -> None:
+        def require(name: str, holds: bool, expected: str) -> None:
+            if not holds:
+                raise InvalidOptionError(name, getattr(self, name), expected)
+
+        def positive(name: str, most: float = np.inf) -> None:
+            value = getattr(self, name)
+            require(name, bool(np.isfinite(value)) and 0.0 < value <= most, f"a number in (0, {most:g}]")
+
+        positive("allowed_seconds", 3600.0)
+        positive("velocity_scaling", 1.0)
+        positive("acceleration_scaling", 1.0)
+        positive("time_step", 1.0)
+        require("uniform_fraction", 0.0 <= self.uniform_fraction <= 1.0, "a number in [0, 1]")
+        require("padding", bool(np.isfinite(self.padding)) and 0.0 <= self.padding <= 1.0, "a number in [0, 1] m")
+        require("blend_deviation", bool(np.isfinite(self.blend_deviation)) and self.blend_deviation >= 0.0, "0 or more")
+        require("max_samples", self.max_samples is None or self.max_samples >= 1, "at least 1, or none for no bound")
+        require("max_goals", self.max_goals >= 1, "at least 1")
+        require("seed", self.seed is None or self.seed >= 0, "0 or more")
+        for name in ("max_step", "search_resolution", "verification_resolution"):
+            if getattr(self, name) is not None:
+                positive(name)
+
+
+def default_search_resolution(robot: Robot) -> float:
+    """How far a point of the robot may move between states checked while searching, by default [m]."""
+    return 0.03 if robot.revolute.any() else 0.003 * float(np.linalg.norm(robot.upper - robot.lower))
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A timed path, from rest to rest.
+
+    Attributes:
+        times: (k,) from 0 [s].
+        positions, velocities, accelerations: (k, n) [rad or m, per s, per s^2].
+    """
+
+    times: FloatArray
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return float(self.times[-1])
+
+
+@dataclass(frozen=True)
+class CostHistory:
+    """How the cost fell: `costs[i]` was reached after `seconds[i]`."""
+
+    seconds: tuple[float, ...] = ()
+    costs: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class PlanStatistics:
+    """Where the time of a plan went [s] and what was done.
+
+    Attributes:
+        exact_checks: configurations given to Pinocchio and coal.
+    """
+
+    seed: int
+    total_seconds: float = 0.0
+    decomposition_seconds: float = 0.0
+    inference_seconds: float = 0.0
+    first_solution_seconds: float = 0.0
+    verification_seconds: float = 0.0
+    samples: int = 0
+    valid_samples: int = 0
+    nodes: int = 0
+    edges_checked: int = 0
+    exact_checks: int = 0
+    cells: int = 0
+    portals: int = 0
+    candidates: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """A verified path.
+
+    Attributes:
+        path: (m, n) waypoints from the start to one of the goals, straight edges between them.
+        trajectory: the same, timed; it was verified on its own.
+        cost: joint-space length of `path`.
+        certified: whether the straight edges between the points of `trajectory` are proved free, all states between the
+            checked ones included; else they are checked at `verification_resolution`.
+        guidance: what guided the search.
+        verification_resolution: see PlanOptions [m].
+        scene_revision: of the scene it was verified against.
+    """
+
+    path: FloatArray
+    trajectory: Trajectory
+    cost: float
+    certified: bool
+    cost_history: CostHistory
+    planner_id: str
+    guidance: Guidance
+    verification_resolution: float
+    scene_revision: int
+    statistics: PlanStatistics = field(default_factory=lambda: PlanStatistics(seed=0))

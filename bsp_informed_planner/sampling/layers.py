@@ -1,0 +1,194 @@
+"""Layers of configurations over keypoints, and paths through them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bsp_informed_planner.collision.checker import CollisionChecker
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
+from bsp_informed_planner.scene.pose import FloatArray, Pose
+
+
+def tool_orientations(
+    start: FloatArray, goal: FloatArray, normal: FloatArray, fraction: float, options: KeypointGuideOptions
+) -> list[FloatArray]:
+    """Orientations in which the tool may pass a keypoint.
+
+    The goal's own; tilts of it about both lateral axes; rolls about its approach axis z; the rotation on the way from
+    start to goal; and the goal's, its approach axis turned onto the normal of the portal.
+
+    Args:
+        start, goal: quaternions (4,) of the tool at both ends.
+        normal: (3,) unit normal of the portal, either way.
+        fraction: how far along the chain the keypoint lies, in [0, 1].
+        options: which tilts and rolls.
+
+    Returns:
+        Quaternions (4,), the goal's first.
+    """
+    end = Rotation.from_quat(goal)
+    rotations = [end]
+    relative = (Rotation.from_quat(start).inv() * end).as_rotvec()
+    rotations.append(Rotation.from_quat(start) * Rotation.from_rotvec(fraction * relative))
+    for axis in np.eye(3)[:2]:
+        rotations.extend(end * Rotation.from_rotvec(angle * axis) for angle in options.tilts)
+    rotations.extend(end * Rotation.from_rotvec([0.0, 0.0, angle]) for angle in options.rolls)
+    approach = end.apply([0.0, 0.0, 1.0])
+    towards = normal if normal @ approach >= 0.0 else -normal
+    turn = np.cross(approach, towards)
+    angle = np.arctan2(np.linalg.norm(turn), approach @ towards)
+    if angle > 1e-3:
+        rotations.append(Rotation.from_rotvec(turn / np.linalg.norm(turn) * angle) * end)
+    return [rotation.as_quat() for rotation in rotations]
+
+
+def keypoint_layer(
+    robot: Robot,
+    checker: CollisionChecker,
+    point: FloatArray,
+    orientations: list[FloatArray],
+    guess: FloatArray,
+    layer_size: int,
+) -> FloatArray:
+    """Collision-free configurations with the reference point of the robot at a keypoint.
+
+    All branches of the inverse kinematics in all orientations, wound as near as possible to a guess; the nearest ones
+    that are free are kept.
+
+    Args:
+        robot: gives the inverse kinematics.
+        checker: tells which are free.
+        point: (3,) keypoint in the root frame [m].
+        orientations: quaternions of the tool to try.
+        guess: (n,) configuration that the layer should lie close to.
+        layer_size: most configurations to keep.
+
+    Returns:
+        (k, n) with 0 <= k <= layer_size.
+    """
+    branches = [robot.inverse_kinematics(Pose(point, quaternion)) for quaternion in orientations]
+    candidates = np.concatenate(branches) if branches else np.empty((0, robot.dof))
+    if not len(candidates):
+        return candidates
+    wound = nearest_windings(robot, candidates, guess)
+    order = np.argsort(np.linalg.norm(wound - guess, axis=1))
+    kept: list[FloatArray] = []
+    for index in order:
+        if len(kept) == layer_size:
+            break
+        if checker.is_free(wound[index]):
+            kept.append(wound[index])
+    return np.array(kept).reshape(-1, robot.dof)
+
+
+def nearest_windings(robot: Robot, configurations: FloatArray, guess: FloatArray) -> FloatArray:
+    """Configurations (k, n), each moved by whole turns of its revolute joints towards a guess (n,), within limits."""
+    revolute = robot.revolute
+    turns = np.where(revolute, np.round((guess - configurations) / (2.0 * np.pi)), 0.0)
+    wound = configurations + 2.0 * np.pi * turns
+    # Beyond a limit, back by one turn: the next nearest.
+    wound = np.where(revolute & (wound > robot.upper), wound - 2.0 * np.pi, wound)
+    wound = np.where(revolute & (wound < robot.lower), wound + 2.0 * np.pi, wound)
+    inside = (wound >= robot.lower) & (wound <= robot.upper)
+    return np.where(inside, wound, configurations)
+
+
+@dataclass(frozen=True, eq=False)
+class LayerPath:
+    """A path through layers.
+
+    Attributes:
+        configurations: (m, n) start, one configuration of each layer, goal.
+        is_free: whether all of its edges are known to be free.
+        length: joint-space length.
+    """
+
+    configurations: FloatArray
+    is_free: bool
+    length: float
+
+
+def paths_through_layers(
+    robot: Robot,
+    start: FloatArray,
+    layers: list[FloatArray],
+    goals: FloatArray,
+    is_edge_free: Callable[[FloatArray, FloatArray], bool],
+    options: KeypointGuideOptions,
+    should_stop: Callable[[], bool],
+) -> list[LayerPath]:
+    """Shortest paths through layers, by dynamic programming, again and again around edges found in collision.
+
+    One configuration is chosen for each keypoint, consistently along the whole chain: branches are never averaged.
+    Angles are unwound along the chain. Edges are only checked once they lie on a shortest path (Bohlin and Kavraki,
+    Lazy PRM, 2000); one in collision stays, with a penalty, since a planner may still find a way around.
+
+    Args:
+        robot: gives limits and which joints turn.
+        start: (n,).
+        layers: each (k_i, n), k_i >= 1.
+        goals: (g, n), taken as they are.
+        is_edge_free: exact check of an edge.
+        options: number of repairs, penalty, number of chains.
+        should_stop: ends the repairs.
+
+    Returns:
+        At least one path; those that are free first, then by length.
+    """
+    checked: dict[tuple[bytes, bytes], bool] = {}
+    found: dict[bytes, LayerPath] = {}
+
+    for _ in range(options.repairs):
+        chain = _shortest(robot, start, layers, goals, checked, options.blocked_penalty)
+        key = chain.tobytes()
+        if key in found:
+            break
+        free = True
+        for a, b in zip(chain[:-1], chain[1:], strict=True):
+            edge = (a.tobytes(), b.tobytes())
+            if edge not in checked:
+                checked[edge] = is_edge_free(a, b)
+            free = free and checked[edge]
+        found[key] = LayerPath(chain, free, float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum()))
+        if free or should_stop():
+            break
+    return sorted(found.values(), key=lambda path: (not path.is_free, path.length))[: options.chain_count]
+
+
+def _shortest(
+    robot: Robot,
+    start: FloatArray,
+    layers: list[FloatArray],
+    goals: FloatArray,
+    checked: dict[tuple[bytes, bytes], bool],
+    penalty: float,
+) -> FloatArray:
+    """Dynamic programming forward through the layers; each label carries its unwound configuration."""
+    labels = start[None, :]
+    costs = np.zeros(1)
+    history: list[tuple[FloatArray, np.ndarray]] = []
+    for layer, fixed in [(layer, False) for layer in layers] + [(goals, True)]:
+        # wound[p, j]: configuration j of the layer, wound towards its predecessor p.
+        wound = np.stack([layer if fixed else nearest_windings(robot, layer, label) for label in labels])
+        lengths = np.linalg.norm(wound - labels[:, None, :], axis=2)
+        for p in range(len(labels)):
+            for j in range(len(layer)):
+                if checked.get((labels[p].tobytes(), wound[p, j].tobytes())) is False:
+                    lengths[p, j] = penalty * lengths[p, j] + penalty
+        total = costs[:, None] + lengths
+        best = np.argmin(total, axis=0)
+        history.append((labels, best))
+        columns = np.arange(len(layer))
+        labels = wound[best, columns]
+        costs = total[best, columns]
+    index = int(np.argmin(costs))
+    chain = [labels[index]]
+    for previous, best in reversed(history):
+        index = int(best[index])
+        chain.append(previous[index])
+    return np.array(chain[::-1])

@@ -1,0 +1,122 @@
+"""The scene: obstacles, immutable, with a revision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from bsp_informed_planner.errors import InvalidObstacleError, InvalidWorkspaceError
+from bsp_informed_planner.scene.pose import FloatArray, Pose, frozen_array
+from bsp_informed_planner.scene.shapes import Shape
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceBounds:
+    """Axis-aligned bounds of the space that is decomposed, in the frame of the scene.
+
+    Attributes:
+        lower, upper: (3,) [m].
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "lower", frozen_array(self.lower, (3,)))
+            object.__setattr__(self, "upper", frozen_array(self.upper, (3,)))
+        except ValueError as error:
+            raise InvalidWorkspaceError(f"workspace bounds: {error}") from error
+        if (self.lower >= self.upper).any():
+            raise InvalidWorkspaceError(
+                f"workspace bounds: lower {self.lower.tolist()} is not below upper {self.upper.tolist()}"
+            )
+
+    def contains(self, points: FloatArray) -> np.ndarray:
+        """Which of the points (..., 3) lie inside or on the bounds."""
+        return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=-1))
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, WorkspaceBounds)
+            and np.array_equal(self.lower, other.lower)
+            and np.array_equal(self.upper, other.upper)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A rigid body made of shapes (the counterpart of moveit_msgs/CollisionObject).
+
+    Attributes:
+        id: its name, unique in a scene, not empty.
+        shapes: its parts, each with its pose in the frame of the obstacle.
+        pose: pose of the obstacle in the frame of the scene.
+
+    Raises:
+        InvalidObstacleError: without a name or without shapes.
+    """
+
+    id: str
+    shapes: tuple[tuple[Shape, Pose], ...]
+    pose: Pose = field(default_factory=Pose.identity)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shapes", tuple(self.shapes))
+        if not self.id:
+            raise InvalidObstacleError(self.id, "an obstacle needs an id")
+        if not self.shapes:
+            raise InvalidObstacleError(self.id, "it has no shapes")
+
+    @staticmethod
+    def of(id: str, shape: Shape, pose: Pose | None = None) -> Obstacle:
+        """An obstacle of a single shape."""
+        return Obstacle(id, ((shape, Pose.identity()),), pose or Pose.identity())
+
+    def placed_shapes(self) -> tuple[tuple[Shape, Pose], ...]:
+        """Its shapes with their poses in the frame of the scene."""
+        return tuple((shape, self.pose * local) for shape, local in self.shapes)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Obstacles around a robot. Immutable: `bsp_informed_planner.scene.diff.apply` makes the next one.
+
+    Attributes:
+        obstacles: by id, in the order in which they were added.
+        bounds: of the space that is decomposed.
+        frame: the planning frame, i.e. the root link of the robot.
+        revision: 0 for a scene that no node owns.
+    """
+
+    obstacles: Mapping[str, Obstacle]
+    bounds: WorkspaceBounds
+    frame: str = "world"
+    revision: int = 0
+
+    def __post_init__(self) -> None:
+        for key, obstacle in self.obstacles.items():
+            if key != obstacle.id:
+                raise InvalidObstacleError(obstacle.id, f"it is listed under the id '{key}'")
+        object.__setattr__(self, "obstacles", MappingProxyType(dict(self.obstacles)))
+
+    @staticmethod
+    def of(obstacles: Sequence[Obstacle], bounds: WorkspaceBounds, frame: str = "world", revision: int = 0) -> Scene:
+        """A scene from a list of obstacles.
+
+        Raises:
+            InvalidObstacleError: if two have the same id.
+        """
+        by_id: dict[str, Obstacle] = {}
+        for obstacle in obstacles:
+            if obstacle.id in by_id:
+                raise InvalidObstacleError(obstacle.id, "two obstacles have this id")
+            by_id[obstacle.id] = obstacle
+        return Scene(by_id, bounds, frame, revision)
+
+    @property
+    def is_empty(self) -> bool:
+        return not self.obstacles

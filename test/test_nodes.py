@@ -1,0 +1,444 @@
+"""The three nodes, spun in this process, called as outside clients would."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from bsp_informed_planner_msgs.action import PlanMotion
+from bsp_informed_planner_msgs.msg import ObstacleScene, PlanRequest, PlanResponse
+from bsp_informed_planner_msgs.srv import SampleConfigurations
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
+from sensor_msgs.msg import JointState
+from suite import Suite, gap_scene, point_request, running_suite, waypoints
+
+from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
+from bsp_informed_planner.nodes.error_codes import ErrorCode
+from bsp_informed_planner.nodes.inference_node import InferenceNode
+from bsp_informed_planner.nodes.planner_node import PlannerNode
+from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.robots.point import PointRobot
+
+
+@pytest.fixture(scope="module")
+def point() -> Iterator[Suite]:
+    with running_suite("point") as suite:
+        yield suite.add_all()
+
+
+@pytest.fixture(scope="module")
+def ur5() -> Iterator[Suite]:
+    with running_suite("ur5") as suite:
+        yield suite.add_all()
+
+
+def assert_passes_gap(response: PlanResponse, gap_at: float) -> None:
+    """The path is a success, verified anew, and leads through the gap."""
+    assert response.error_code == ErrorCode.SUCCESS, response.message
+    path = waypoints(response)
+    checker = ExactChecker(PointRobot(), gap_scene(gap_at))
+    assert response.certified
+    assert all(checker.is_edge_free(a, b, 1e-4) for a, b in zip(path[:-1], path[1:], strict=True))
+    index = int(np.argmax(path[:, 0] > 0.5))
+    before, after = path[index - 1], path[index]
+    crossing = before + (0.5 - before[0]) / (after[0] - before[0]) * (after - before)
+    assert abs(crossing[1] - gap_at) <= 0.05
+
+
+def test_plan_through_a_gap(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    revision = client.publish_scene(gap_scene(0.8))
+    response = client.plan(point_request(), 10.0)
+    assert_passes_gap(response, 0.8)
+    assert response.scene_revision == revision
+    assert (response.planner_id, response.sampler_id, response.fallback_reason) == ("anytime", "keypoint_tube", "")
+    assert len(response.keypoints) >= 1
+    assert response.statistics.exact_checks > 0
+    assert response.statistics.cells > 0
+    points = response.trajectory.points
+    assert list(response.trajectory.joint_names) == ["x", "y"]
+    assert np.allclose(points[0].positions, [0.1, 0.5])
+    assert np.allclose(points[-1].positions, [0.9, 0.5])
+    stamps = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
+    assert (np.diff(stamps) > 0.0).all()
+
+
+def test_a_scene_update_between_two_plans_counts(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    first = client.publish_scene(gap_scene(0.8))
+    assert_passes_gap(client.plan(point_request(), 10.0), 0.8)
+    second = client.publish_scene(gap_scene(0.2))
+    assert second == first + 1
+    assert_passes_gap(client.plan(point_request(), 10.0), 0.2)
+    stale = client.plan(point_request(scene_revision=first), 10.0)
+    assert stale.error_code == ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE
+    assert str(first) in stale.message
+
+
+def test_plans_in_sequence_and_at_once(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    client.publish_scene(gap_scene(0.8))
+    clients = [point.client() for _ in range(4)]
+    for other in clients:
+        other.wait_for_nodes(10.0)
+    responses: list[PlanResponse] = []
+    threads = [
+        threading.Thread(target=lambda other=other: responses.append(other.plan(point_request(), 20.0)))
+        for other in clients
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(responses) == 4
+    responses += [client.plan(point_request(), 20.0) for _ in range(3)]
+    for response in responses:
+        assert_passes_gap(response, 0.8)
+    # The same seed gives the same path, alone or in company.
+    assert all(np.array_equal(waypoints(response), waypoints(responses[0])) for response in responses)
+
+
+def test_late_nodes_learn_the_scene() -> None:
+    with running_suite("point") as suite:
+        early = suite.client()
+        early._publisher.publish(_message(gap_scene(0.8)))
+        suite.add_all()
+        early.wait_for_nodes(20.0)
+        # The decomposition node heard a scene from before its time; the others hear it from the node.
+        assert_passes_gap(_plan_when_scene_is_there(early), 0.8)
+        late = suite.client()
+        late.wait_for_nodes(20.0)
+        assert_passes_gap(late.plan(point_request(), 10.0), 0.8)
+
+
+def test_planner_goes_on_without_inference() -> None:
+    with running_suite("point") as suite:
+        suite.add(DecompositionNode)
+        inference = suite.add(InferenceNode)
+        suite.add(PlannerNode)
+        client = suite.client()
+        client.wait_for_nodes(20.0)
+        client.publish_scene(gap_scene(0.8))
+        assert client.plan(point_request(), 10.0).fallback_reason == ""
+        suite.remove(inference)
+        end = time.monotonic() + 10.0
+        while (response := client.plan(point_request(), 10.0)).fallback_reason == "" and time.monotonic() < end:
+            time.sleep(0.1)
+        assert_passes_gap(response, 0.8)
+        assert "estimate_keypoints" in response.fallback_reason
+        assert response.sampler_id == "keypoint_tube"
+
+
+def test_no_scene_yet_is_said_at_once() -> None:
+    with running_suite("point") as suite:
+        suite.add_all()
+        client = suite.client()
+        client.wait_for_nodes(20.0)
+        begin = time.monotonic()
+        response = client.plan(point_request(), 10.0)
+        assert response.error_code == ErrorCode.COLLISION_CHECKING_UNAVAILABLE
+        assert "obstacle_scene" in response.message
+        assert time.monotonic() - begin < 1.0
+
+
+def test_refused_scenes_stop_planning_until_mended(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    revision = client.publish_scene(gap_scene(0.8))
+    broken = _message(gap_scene(0.8))
+    broken.obstacles[1].primitives[0].dimensions = [0.05, -1.0, 0.2]
+    response = _plan_after(client, broken)
+    assert response.error_code == ErrorCode.SENSOR_INFO_STALE
+    assert "'upper'" in response.message
+    assert response.scene_revision == revision
+    wrong_frame = _message(gap_scene(0.8))
+    wrong_frame.header.frame_id = "camera"
+    assert "unknown frame 'camera'" in _plan_after(client, wrong_frame).message
+    assert client.publish_scene(gap_scene(0.8)) == revision + 1
+    assert_passes_gap(client.plan(point_request(), 10.0), 0.8)
+
+
+def test_empty_scenes_are_refused(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    scene = gap_scene(0.8)
+    client.publish_scene(type(scene).of([], scene.bounds))
+    response = client.plan(point_request(), 10.0)
+    assert response.error_code == ErrorCode.UNABLE_TO_ACQUIRE_SENSOR_DATA
+    assert "allow_empty_scene" in response.message
+
+
+def _states(*positions: list[float], names: list[str] | None = None) -> list[JointState]:
+    return [JointState(name=names or [], position=list(position)) for position in positions]
+
+
+BAD_REQUESTS: dict[str, tuple[Callable[[PlanRequest], None], ErrorCode, str]] = {
+    "NaN start": (lambda r: setattr(r.start, "position", [0.1, np.nan]), ErrorCode.START_STATE_INVALID, "joint 'y'"),
+    "short start": (lambda r: setattr(r.start, "position", [0.1]), ErrorCode.START_STATE_INVALID, "1 positions"),
+    "infinite goal": (
+        lambda r: setattr(r, "goal_states", _states([np.inf, 0.5])),
+        ErrorCode.GOAL_STATE_INVALID,
+        "joint 'x'",
+    ),
+    "unknown joint": (
+        lambda r: setattr(r, "goal_states", _states([0.9, 0.5], names=["x", "elbow"])),
+        ErrorCode.INVALID_ROBOT_STATE,
+        "elbow",
+    ),
+    "missing joint": (
+        lambda r: setattr(r, "goal_states", _states([0.9], names=["x"])),
+        ErrorCode.GOAL_STATE_INVALID,
+        "y",
+    ),
+    "start outside limits": (
+        lambda r: setattr(r.start, "position", [-0.2, 0.5]),
+        ErrorCode.START_STATE_VIOLATES_PATH_CONSTRAINTS,
+        "joint 'x' at -0.2000",
+    ),
+    "goal outside limits": (
+        lambda r: setattr(r, "goal_states", _states([0.9, 1.5])),
+        ErrorCode.GOAL_VIOLATES_PATH_CONSTRAINTS,
+        "joint 'y' at 1.5000",
+    ),
+    "start in collision": (
+        lambda r: setattr(r.start, "position", [0.5, 0.1]),
+        ErrorCode.START_STATE_IN_COLLISION,
+        "'lower'",
+    ),
+    "goal in collision": (
+        lambda r: setattr(r, "goal_states", _states([0.5, 0.95])),
+        ErrorCode.GOAL_IN_COLLISION,
+        "'upper'",
+    ),
+    "no goal": (lambda r: setattr(r, "goal_states", []), ErrorCode.INVALID_GOAL_CONSTRAINTS, "no goal"),
+    "unknown planner": (lambda r: setattr(r, "planner_id", "prm"), ErrorCode.INVALID_GROUP_NAME, "'prm'"),
+    "unknown sampler": (lambda r: setattr(r, "sampler_id", "magic"), ErrorCode.INVALID_GROUP_NAME, "'magic'"),
+    "unknown goal frame": (
+        lambda r: r.__init__(start=r.start, goal_frame="hand", goal_poses=[PoseStamped()]),
+        ErrorCode.FRAME_TRANSFORM_FAILURE,
+        "'hand'",
+    ),
+    "uniform fraction": (lambda r: setattr(r, "uniform_fraction", 1.5), ErrorCode.PLANNING_FAILED, "uniform_fraction"),
+    "negative time": (
+        lambda r: setattr(r, "allowed_planning_time", -1.0),
+        ErrorCode.PLANNING_FAILED,
+        "allowed_seconds",
+    ),
+    "too much time": (
+        lambda r: setattr(r, "allowed_planning_time", 1e4),
+        ErrorCode.PLANNING_FAILED,
+        "allowed_planning_time",
+    ),
+    "scaling": (
+        lambda r: setattr(r, "max_velocity_scaling_factor", 2.0),
+        ErrorCode.PLANNING_FAILED,
+        "velocity_scaling",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD_REQUESTS)
+def test_bad_requests_are_named_at_once(point: Suite, name: str) -> None:
+    spoil, code, culprit = BAD_REQUESTS[name]
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    client.publish_scene(gap_scene(0.8))
+    request = point_request()
+    spoil(request)
+    begin = time.monotonic()
+    # A time that is nonsense is not for the client to wait for.
+    response = client.plan(request, 10.0 - request.allowed_planning_time)
+    assert response.error_code == code, response.message
+    assert culprit in response.message
+    assert not response.trajectory.points
+    assert time.monotonic() - begin < 1.0
+
+
+def test_nothing_found_is_said_in_time(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    client.publish_scene(gap_scene(0.8, gap=-0.1))
+    for allowed in (0.5, 2.0):
+        begin = time.monotonic()
+        response = client.plan(point_request(allowed_planning_time=allowed), 10.0)
+        elapsed = time.monotonic() - begin
+        assert response.error_code == ErrorCode.TIMED_OUT
+        assert elapsed <= 1.1 * allowed
+
+
+def test_samples_run_out(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    client.publish_scene(gap_scene(0.8, gap=-0.1))
+    response = client.plan(point_request(max_samples=50, allowed_planning_time=10.0), 10.0)
+    assert response.error_code == ErrorCode.PLANNING_FAILED
+    assert "50 samples" in response.message
+
+
+def test_start_comes_from_joint_states(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    client.publish_scene(gap_scene(0.8))
+    publisher = client._node.create_publisher(JointState, "joint_states", 10)
+    assert client._spin_until(lambda: publisher.get_subscription_count() > 0, 5.0)
+    # Joints of other devices on the topic do not matter.
+    publisher.publish(JointState(name=["gripper", "x", "y"], position=[0.0, 0.2, 0.4]))
+    time.sleep(0.2)
+    request = point_request()
+    request.start = JointState()
+    response = client.plan(request, 10.0)
+    assert_passes_gap(response, 0.8)
+    assert np.allclose(waypoints(response)[0], [0.2, 0.4])
+    request.start = JointState(name=["y"], position=[0.6])
+    assert np.allclose(waypoints(client.plan(request, 10.0))[0], [0.2, 0.6])
+
+
+def test_samples_come_from_the_local_samplers(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    client.publish_scene(gap_scene(0.8))
+    service = client._node.create_client(SampleConfigurations, "sample_configurations")
+    assert client._spin_until(service.service_is_ready, 5.0)
+    request = SampleConfigurations.Request(
+        configurations=[0.1, 0.5, 0.5, 0.8, 0.9, 0.5], joints=2, chain_offsets=[0, 3], count=500, seed=3
+    )
+    future = service.call_async(request)
+    assert client._spin_until(future.done, 5.0)
+    answer = future.result()
+    assert (answer.error_code, answer.model) == (ErrorCode.SUCCESS, "bsp"), answer.message
+    samples = np.array(answer.samples).reshape(-1, 2)
+    assert len(samples) == 500
+    expected = np.interp(samples[:, 0], [0.1, 0.5, 0.9], [0.5, 0.8, 0.5])
+    assert np.abs(samples[:, 1] - expected).mean() < 0.06
+    request.model = "oracle"
+    future = service.call_async(request)
+    assert client._spin_until(future.done, 5.0)
+    assert future.result().error_code == ErrorCode.INVALID_GROUP_NAME
+    assert "oracle" in future.result().message
+
+
+def test_plan_motion_gives_feedback_and_is_cancelled(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    client.publish_scene(gap_scene(0.8))
+    action = ActionClient(client._node, PlanMotion, "plan_motion")
+    assert client._spin_until(action.server_is_ready, 5.0)
+    phases: list[str] = []
+    goal = PlanMotion.Goal(request=point_request())
+    sent = action.send_goal_async(goal, feedback_callback=lambda message: phases.append(message.feedback.phase))
+    assert client._spin_until(sent.done, 5.0)
+    outcome = sent.result().get_result_async()
+    assert client._spin_until(outcome.done, 10.0)
+    assert_passes_gap(outcome.result().result.response, 0.8)
+    assert "searching" in phases
+    assert "verifying" in phases
+
+    client.publish_scene(gap_scene(0.8, gap=-0.1))
+    goal = PlanMotion.Goal(request=point_request(allowed_planning_time=30.0))
+    sent = action.send_goal_async(goal)
+    assert client._spin_until(sent.done, 5.0)
+    client._spin_until(lambda: False, 0.3)
+    begin = time.monotonic()
+    cancelled = sent.result().cancel_goal_async()
+    outcome = sent.result().get_result_async()
+    assert client._spin_until(lambda: cancelled.done() and outcome.done(), 5.0)
+    assert outcome.result().result.response.error_code == ErrorCode.PREEMPTED
+    assert time.monotonic() - begin < 1.0
+    action.destroy()
+
+
+def test_diffs_change_the_scene(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    revision = client.publish_scene(gap_scene(0.8))
+    diff = _message(gap_scene(0.2))
+    diff.is_diff = True
+    diff.obstacles = [obstacle for obstacle in diff.obstacles if obstacle.id == "upper"]
+    diff.obstacles[0].operation = b"\x01"
+    response = _plan_after(client, diff)
+    # Without the upper wall the way is free above the gap.
+    assert response.error_code == ErrorCode.SUCCESS
+    assert response.scene_revision == revision + 1
+    unknown = _message(gap_scene(0.2))
+    unknown.is_diff = True
+    unknown.obstacles = unknown.obstacles[:1]
+    unknown.obstacles[0].id, unknown.obstacles[0].operation = "ghost", b"\x03"
+    assert "no obstacle 'ghost'" in _plan_after(client, unknown).message
+
+
+def test_unreachable_pose_and_wrong_state_of_an_arm(ur5: Suite) -> None:
+    client = ur5.client()
+    client.wait_for_nodes(30.0)
+    from bsp_informed_planner.scene.shelf import random_shelf
+
+    client.publish_scene(random_shelf(np.random.default_rng(1), frame="world").scene)
+    request = PlanRequest(allowed_planning_time=2.0, first_solution=True, seed=1)
+    request.start.position = [0.0, -1.57, 0.0, -1.57, 0.0, 0.0]
+    pose = PoseStamped()
+    pose.pose.position.x = 5.0
+    request.goal_poses = [pose]
+    response = client.plan(request, 10.0)
+    assert response.error_code == ErrorCode.NO_IK_SOLUTION
+    assert "(5.000, 0.000, 0.000)" in response.message
+    pose.header.frame_id = "camera_link"
+    response = client.plan(request, 10.0)
+    assert response.error_code == ErrorCode.FRAME_TRANSFORM_FAILURE
+    assert "camera_link" in response.message
+    request.start.position = [0.0, -1.57, 0.0]
+    response = client.plan(request, 10.0)
+    assert response.error_code == ErrorCode.START_STATE_INVALID
+    request.start.position = []
+    response = client.plan(request, 10.0)
+    assert response.error_code == ErrorCode.ROBOT_STATE_STALE
+    assert "shoulder_pan_joint" in response.message
+
+
+def _message(scene: object) -> ObstacleScene:
+    from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
+    from bsp_informed_planner.scene.scene import Scene
+
+    assert isinstance(scene, Scene)
+    return scene_to_msg(scene)
+
+
+def _plan_after(client: object, message: ObstacleScene) -> PlanResponse:
+    """Publish a raw scene message, wait for its status, plan."""
+    from bsp_informed_planner.nodes.client import SuiteClient
+
+    assert isinstance(client, SuiteClient)
+    client._spin_until(lambda: client._statuses > 0, 1.0)
+    before = client._statuses
+    client._publisher.publish(message)
+    assert client._spin_until(lambda: client._statuses > before, 5.0)
+    # The planner hears of it on another subscription, at about the same time.
+    time.sleep(0.2)
+    return client.plan(point_request(), 10.0)
+
+
+def _plan_when_scene_is_there(client: object) -> PlanResponse:
+    from bsp_informed_planner.nodes.client import SuiteClient
+
+    assert isinstance(client, SuiteClient)
+    end = time.monotonic() + 10.0
+    while True:
+        response = client.plan(point_request(), 10.0)
+        if response.error_code != ErrorCode.COLLISION_CHECKING_UNAVAILABLE or time.monotonic() > end:
+            return response
+        time.sleep(0.1)
+
+
+def test_latched_topics_are_latched() -> None:
+    # The contract of DESIGN: reliable, transient local, depth 1.
+    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+    assert LATCHED.depth == 1
+    assert LATCHED.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert LATCHED.reliability == ReliabilityPolicy.RELIABLE

@@ -1,0 +1,267 @@
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from fcl_checker import FclChecker
+
+from bsp_informed_planner.collision.certifier import Verdict
+from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.errors import (
+    InvalidOptionError,
+    InvalidStateError,
+    NoGoalError,
+    PlanningCancelledError,
+    PlanningTimeoutError,
+    SamplesExhaustedError,
+    StateInCollisionError,
+    StateOutsideLimitsError,
+    UnknownPlannerError,
+    UnknownSamplerError,
+    UnreachablePoseError,
+)
+from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions, PlanResult, PoseGoal
+from bsp_informed_planner.planning.path import interpolate, path_length
+from bsp_informed_planner.planning.problem import PLANNER_IDS
+from bsp_informed_planner.planning.search import sampling_bounds
+from bsp_informed_planner.planning.shelf_problem import random_shelf_problem
+from bsp_informed_planner.planning.verification import CertifyingChecker
+from bsp_informed_planner.robots.arm import ArmRobot
+from bsp_informed_planner.robots.demo_arms import ur5
+from bsp_informed_planner.robots.point import PointRobot
+from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.scene.maze import random_maze
+from bsp_informed_planner.scene.pose import Pose
+from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
+from bsp_informed_planner.scene.shapes import Box
+
+FIRST = PlanOptions(allowed_seconds=10.0, first_solution=True, seed=1)
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmRobot:
+    return ur5()
+
+
+def maze_problem(seed: int) -> tuple[Planner, PlanningProblem]:
+    problem = random_maze(np.random.default_rng(seed)).problem
+    return Planner(PointRobot(), problem.scene), PlanningProblem(problem.start, [JointGoal(problem.goals[0])])
+
+
+def shelf_problem(arm: ArmRobot, seed: int) -> tuple[Planner, PlanningProblem]:
+    problem = random_shelf_problem(arm, np.random.default_rng(seed))
+    return Planner(arm, problem.scene), PlanningProblem(problem.start, [PoseGoal(problem.goal_poses[0])])
+
+
+def assert_verified(planner: Planner, result: PlanResult) -> None:
+    """Path and trajectory are free at the resolution that the result names, for a checker of its own."""
+    checker = ExactChecker(planner.robot, planner.scene)
+    for states in (result.path, result.trajectory.positions):
+        for start, end in zip(states[:-1], states[1:], strict=True):
+            assert checker.is_edge_free(start, end, 2.0 * result.verification_resolution)
+    proof = CertifyingChecker(checker, result.verification_resolution)
+    assert (proof.verdict(result.trajectory.positions) is Verdict.CERTIFIED) == result.certified
+    assert result.cost == pytest.approx(path_length(result.path))
+    assert np.allclose(result.trajectory.positions[[0, -1]], result.path[[0, -1]], atol=1e-6)
+    assert (np.abs(result.trajectory.velocities) <= planner.robot.velocity_limits * (1.0 + 1e-6)).all()
+    assert (np.abs(result.trajectory.accelerations) <= planner.robot.acceleration_limits * (1.0 + 1e-6)).all()
+    assert (result.path >= planner.robot.lower).all()
+    assert (result.path <= planner.robot.upper).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_mazes_are_solved(seed: int) -> None:
+    planner, problem = maze_problem(seed)
+    result = planner.plan(problem, FIRST)
+    assert_verified(planner, result)
+    assert result.guidance.sampler_id == "keypoint_tube"
+    assert np.array_equal(result.path[0], problem.start)
+
+
+@pytest.mark.parametrize("planner_id", PLANNER_IDS)
+@pytest.mark.parametrize("sampler_id", ["keypoint_tube", "uniform"])
+def test_every_planner_and_sampler(planner_id: str, sampler_id: str) -> None:
+    planner, problem = maze_problem(3)
+    options = PlanOptions(
+        planner_id=planner_id, sampler_id=sampler_id, allowed_seconds=10.0, first_solution=True, seed=5, max_step=0.05
+    )
+    result = planner.plan(problem, options)
+    assert_verified(planner, result)
+    assert (result.planner_id, result.guidance.sampler_id) == (planner_id, sampler_id)
+
+
+@pytest.mark.parametrize("seed", [2, 5, 6])
+def test_an_arm_reaches_into_a_shelf(arm: ArmRobot, seed: int) -> None:
+    planner, problem = shelf_problem(arm, seed)
+    result = planner.plan(problem, FIRST)
+    assert_verified(planner, result)
+    goal = problem.goals[0]
+    assert isinstance(goal, PoseGoal)
+    reached = arm.forward_kinematics(result.path[-1])
+    assert np.allclose(reached.matrix, goal.pose.matrix, atol=1e-5)
+    assert len(result.guidance.chains) >= 1
+    chain = result.guidance.chains[0]
+    assert np.array_equal(chain.configurations[0], result.path[0])
+    # Each configuration of the chain puts the tool on its keypoint.
+    for configuration, keypoint in zip(chain.configurations, chain.keypoints, strict=True):
+        assert np.allclose(arm.forward_kinematics(configuration).position, keypoint, atol=1e-5)
+
+
+def test_python_fcl_agrees_with_a_path(arm: ArmRobot) -> None:
+    planner, problem = shelf_problem(arm, 5)
+    result = planner.plan(problem, FIRST)
+    other = FclChecker(arm, planner.scene)
+    states = interpolate(result.path, 0.05)
+    assert all(other.is_free(state) for state in states)
+
+
+def test_time_improves_paths(arm: ArmRobot) -> None:
+    planner, problem = shelf_problem(arm, 6)
+    first = planner.plan(problem, FIRST)
+    better = planner.plan(problem, PlanOptions(allowed_seconds=2.0, seed=1))
+    assert_verified(planner, better)
+    costs = better.cost_history.costs
+    assert list(costs) == sorted(costs, reverse=True)
+    assert costs[-1] == pytest.approx(better.cost)
+    assert better.cost < first.cost
+    assert better.statistics.total_seconds <= 2.0
+
+
+def test_same_seed_same_path(arm: ArmRobot) -> None:
+    planner, problem = shelf_problem(arm, 2)
+    options = PlanOptions(planner_id="rrt_connect", allowed_seconds=20.0, seed=11)
+    first, second = (planner.plan(problem, options) for _ in range(2))
+    assert np.array_equal(first.path, second.path)
+
+
+def test_threads_share_a_planner() -> None:
+    planner, problem = maze_problem(3)
+    alone = planner.plan(problem, FIRST)
+    results: list[PlanResult] = []
+    threads = [threading.Thread(target=lambda: results.append(planner.plan(problem, FIRST))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 4
+    assert all(np.array_equal(result.path, alone.path) for result in results)
+
+
+def walled_in() -> tuple[Planner, PlanningProblem]:
+    """A goal that no path reaches."""
+    bounds = WorkspaceBounds(np.array([0.0, 0.0, -0.05]), np.array([1.0, 1.0, 0.05]))
+    wall = Obstacle.of("wall", Box(np.array([0.1, 1.5, 0.2])), Pose.from_xyz_rpy([0.5, 0.5, 0.0]))
+    planner = Planner(PointRobot(), Scene.of([wall], bounds))
+    return planner, PlanningProblem(np.array([0.1, 0.5]), [JointGoal(np.array([0.9, 0.5]))])
+
+
+@pytest.mark.parametrize("planner_id", PLANNER_IDS)
+def test_nothing_found_within_the_time(planner_id: str) -> None:
+    planner, problem = walled_in()
+    begin = time.monotonic()
+    with pytest.raises(PlanningTimeoutError, match=r"0\.50 s"):
+        planner.plan(problem, PlanOptions(planner_id=planner_id, allowed_seconds=0.5))
+    assert time.monotonic() - begin <= 0.55
+
+
+def test_samples_run_out() -> None:
+    planner, problem = walled_in()
+    with pytest.raises(SamplesExhaustedError, match="200"):
+        planner.plan(problem, PlanOptions(max_samples=200, allowed_seconds=30.0))
+
+
+def test_cancelled_plans_end_at_once() -> None:
+    planner, problem = walled_in()
+    begin = time.monotonic()
+    with pytest.raises(PlanningCancelledError):
+        planner.plan(problem, PlanOptions(allowed_seconds=30.0), cancelled=lambda: time.monotonic() - begin > 0.2)
+    assert time.monotonic() - begin < 0.5
+
+
+def test_unreachable_keypoints_fall_back_to_uniform_and_say_so() -> None:
+    planner, problem = walled_in()
+    plan = planner.prepare(problem, PlanOptions(allowed_seconds=1.0))
+    guidance = planner.guide(plan)
+    assert guidance.sampler_id == "uniform"
+    assert "no keypoints" in guidance.fallback_reason
+
+
+def test_guidance_from_elsewhere_is_used() -> None:
+    planner, problem = maze_problem(3)
+    result = planner.plan(problem, FIRST, guidance=Guidance("uniform", fallback_reason="because"))
+    assert_verified(planner, result)
+    assert result.guidance.fallback_reason == "because"
+
+
+def test_ill_posed_problems_are_named(arm: ArmRobot) -> None:
+    planner, problem = maze_problem(3)
+    start, goal = problem.start, problem.goals[0]
+
+    def plan(start: np.ndarray, goals: list[JointGoal | PoseGoal], options: PlanOptions | None = None) -> None:
+        planner.plan(PlanningProblem(start, goals), options)
+
+    with pytest.raises(InvalidStateError, match="start: 3 values"):
+        plan(np.zeros(3), [goal])
+    with pytest.raises(InvalidStateError, match="goal: the position of joint 'y' is not finite"):
+        plan(start, [JointGoal(np.array([0.5, np.nan]))])
+    with pytest.raises(StateOutsideLimitsError, match=r"goal: joint 'x' at 1\.2000"):
+        plan(start, [JointGoal(np.array([1.2, 0.5]))])
+    with pytest.raises(NoGoalError):
+        plan(start, [])
+    with pytest.raises(UnknownPlannerError, match="known: anytime"):
+        plan(start, [goal], PlanOptions(planner_id="chomp"))
+    with pytest.raises(UnknownSamplerError, match="known: keypoint_tube"):
+        plan(start, [goal], PlanOptions(sampler_id="halton"))
+    wall = next(iter(planner.scene.obstacles.values()))
+    with pytest.raises(StateInCollisionError, match=wall.id):
+        plan(wall.pose.position[:2], [goal])
+    with pytest.raises(UnreachablePoseError, match=r"tool0.*\(3\.000"):
+        Planner(arm, shelf_problem(arm, 2)[0].scene).plan(
+            PlanningProblem(shelf_problem(arm, 2)[1].start, [PoseGoal(Pose.from_xyz_rpy([3.0, 0.0, 0.0]))])
+        )
+
+
+def test_goals_are_alternatives() -> None:
+    planner, problem = maze_problem(3)
+    beyond = JointGoal(np.array([7.0, 7.0]))
+    result = planner.plan(PlanningProblem(problem.start, [beyond, problem.goals[0]]), FIRST)
+    assert_verified(planner, result)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("allowed_seconds", 0.0),
+        ("allowed_seconds", np.nan),
+        ("uniform_fraction", -0.1),
+        ("max_samples", 0),
+        ("velocity_scaling", 1.5),
+        ("acceleration_scaling", 0.0),
+        ("padding", -0.01),
+        ("seed", -1),
+        ("max_step", 0.0),
+        ("verification_resolution", np.inf),
+    ],
+)
+def test_options_have_ranges(option: str, value: float) -> None:
+    with pytest.raises(InvalidOptionError, match=option):
+        PlanOptions(**{option: value})  # type: ignore[arg-type]
+
+
+def test_padding_keeps_a_distance() -> None:
+    planner, problem = maze_problem(3)
+    result = planner.plan(problem, PlanOptions(first_solution=True, seed=1, padding=0.01))
+    checker = ExactChecker(planner.robot, planner.scene)
+    distances = [checker.distance(state) for state in interpolate(result.path, 0.002)]
+    assert min(distances) >= 0.009
+
+
+def test_uniform_samples_hold_every_posture(arm: ArmRobot) -> None:
+    start = np.array([0.1, -1.0, 1.0, -1.0, 3.0, 5.0])
+    lower, upper = sampling_bounds(arm, start, np.zeros((1, 6)))
+    full = arm.upper - arm.lower >= 2.0 * np.pi
+    assert (upper - lower >= np.minimum(2.0 * np.pi, arm.upper - arm.lower) - 1e-9)[full].all()
+    assert (lower >= arm.lower).all()
+    assert (upper <= arm.upper).all()

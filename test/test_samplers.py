@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.sampling.informed import InformedSampler, InformedUniformSampler, ProlateHyperspheroid
+from bsp_informed_planner.sampling.sampler import (
+    ClippedSampler,
+    MixtureSampler,
+    UniformSampler,
+    with_uniform_fraction,
+)
+from bsp_informed_planner.sampling.tube import SegmentTube, tube_sampler
+
+LOWER, UPPER = np.array([-1.0, -2.0, 0.0]), np.array([1.0, 2.0, 3.0])
+
+
+def test_uniform_fills_its_box() -> None:
+    samples = UniformSampler(LOWER, UPPER).sample(np.random.default_rng(0), 4000)
+    assert ((samples >= LOWER) & (samples <= UPPER)).all()
+    assert np.allclose(samples.mean(axis=0), (LOWER + UPPER) / 2.0, atol=0.1)
+    assert np.allclose(samples.std(axis=0), (UPPER - LOWER) / np.sqrt(12.0), rtol=0.05)
+
+
+def test_same_seed_same_samples() -> None:
+    sampler = with_uniform_fraction(
+        tube_sampler([np.array([LOWER, UPPER])], 0.1, LOWER, UPPER), UniformSampler(LOWER, UPPER), 0.3
+    )
+    first, second = (sampler.sample(np.random.default_rng(7), 50) for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_mixture_draws_by_weight() -> None:
+    low = UniformSampler(np.zeros(1), np.full(1, 0.5))
+    high = UniformSampler(np.full(1, 0.5), np.ones(1))
+    samples = MixtureSampler((low, high), (1.0, 3.0)).sample(np.random.default_rng(0), 8000)
+    assert (samples > 0.5).mean() == pytest.approx(0.75, abs=0.03)
+    # Shuffled: the first half of the batch is as mixed as the second.
+    assert abs((samples[:4000] > 0.5).mean() - (samples[4000:] > 0.5).mean()) < 0.05
+
+
+@pytest.mark.parametrize("weights", [(1.0,), (-1.0, 2.0), (0.0, 0.0), (np.nan, 1.0)])
+def test_mixture_refuses_weights_that_are_none(weights: tuple[float, ...]) -> None:
+    uniform = UniformSampler(LOWER, UPPER)
+    with pytest.raises(InvalidOptionError, match="weights"):
+        MixtureSampler((uniform, uniform), weights)
+
+
+@pytest.mark.parametrize("fraction", [-0.1, 1.1, np.nan])
+def test_uniform_fraction_is_a_chance(fraction: float) -> None:
+    uniform = UniformSampler(LOWER, UPPER)
+    with pytest.raises(InvalidOptionError, match="uniform_fraction"):
+        with_uniform_fraction(uniform, uniform, fraction)
+
+
+def test_tube_lies_around_its_segment() -> None:
+    start, end = np.array([-0.5, 0.0, 1.0]), np.array([0.5, 1.0, 2.0])
+    samples = SegmentTube(start, end, 0.05, LOWER, UPPER).sample(np.random.default_rng(0), 4000)
+    direction = (end - start) / np.linalg.norm(end - start)
+    along = (samples - start) @ direction
+    across = samples - start - along[:, None] * direction
+    assert along.mean() == pytest.approx(np.linalg.norm(end - start) / 2.0, abs=0.05)
+    # Two directions across, each of variance sigma^2.
+    assert np.sqrt((across**2).sum(axis=1).mean() / 2.0) == pytest.approx(0.05, rel=0.1)
+
+
+def test_tube_stays_within_limits_and_takes_repeated_keypoints() -> None:
+    chain = np.array([LOWER, LOWER, UPPER])
+    samples = tube_sampler([chain], 0.5, LOWER, UPPER).sample(np.random.default_rng(0), 500)
+    assert ((samples >= LOWER) & (samples <= UPPER)).all()
+
+
+def test_clipped_sampler_moves_samples_onto_limits() -> None:
+    wide = UniformSampler(LOWER - 1.0, UPPER + 1.0)
+    samples = ClippedSampler(wide, LOWER, UPPER).sample(np.random.default_rng(0), 200)
+    assert ((samples >= LOWER) & (samples <= UPPER)).all()
+    assert (samples == UPPER).any()
+
+
+@given(
+    foci=st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6),
+    excess=st.floats(1e-3, 3.0),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_hyperspheroid_holds_what_it_draws(foci: list[float], excess: float, seed: int) -> None:
+    start, goal = np.array(foci[:3]), np.array(foci[3:])
+    cost = float(np.linalg.norm(goal - start)) + excess
+    subset = ProlateHyperspheroid(start, goal, cost)
+    samples = subset.sample(np.random.default_rng(seed), 100)
+    lengths = np.linalg.norm(samples - start, axis=1) + np.linalg.norm(samples - goal, axis=1)
+    assert (lengths <= cost * (1.0 + 1e-9)).all()
+
+
+def test_hyperspheroid_is_drawn_uniformly() -> None:
+    # Share of an ellipse on the far side of x = 0.5 a against the closed form of a circular segment.
+    subset = ProlateHyperspheroid(np.array([-1.0, 0.0]), np.array([1.0, 0.0]), 4.0)
+    samples = subset.sample(np.random.default_rng(0), 40_000)
+    share = (np.arccos(0.5) - 0.5 * np.sqrt(0.75)) / np.pi
+    assert (samples[:, 0] > 1.0).mean() == pytest.approx(share, abs=0.006)
+
+
+def test_informed_sampler_replaces_what_cannot_help() -> None:
+    start, goals = np.zeros(2), np.array([[1.0, 0.0], [0.0, 1.0]])
+    lower, upper = np.full(2, -0.3), np.full(2, 1.5)
+    subset = InformedUniformSampler(start, goals, 1.2, lower, upper)
+    samples = InformedSampler(UniformSampler(lower, upper), subset).sample(np.random.default_rng(0), 2000)
+    lengths = np.linalg.norm(samples, axis=1) + np.linalg.norm(samples[:, None] - goals, axis=2).T
+    assert (lengths.min(axis=0) <= 1.2 + 1e-9).all()
+    assert ((samples >= lower) & (samples <= upper)).all()
+    # Both goals are still served.
+    assert (samples[:, 0] > 0.7).any()
+    assert (samples[:, 1] > 0.7).any()
