@@ -37,6 +37,7 @@ test: setup ## run the tests
 
 lint: setup ## ruff and mypy
 	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 
 clean: ## remove .venv and all build results and caches

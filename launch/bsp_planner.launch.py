@@ -27,6 +27,14 @@ def _nodes(context: LaunchContext) -> list[Node]:
         "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
         "autostart": ParameterValue(LaunchConfiguration("autostart"), value_type=bool),
     }
+    for name in ("robot", "frame_id"):
+        value = LaunchConfiguration(name).perform(context)
+        if value:
+            settings[name] = value
+    semantic = LaunchConfiguration("robot_description_semantic").perform(context)
+    if semantic:
+        srdf = Path(semantic).expanduser().read_text(encoding="utf-8")
+        settings["robot_description_semantic"] = ParameterValue(srdf, value_type=str)
     if description:
         # As a plain string: the URDF must not be read as YAML.
         urdf = Path(description).expanduser().read_text(encoding="utf-8")
@@ -54,6 +62,15 @@ def generate_launch_description() -> LaunchDescription:
                 "robot_description",
                 default_value="",
                 description="URDF file of the robot; empty: the nodes wait for the topic robot_description",
+            ),
+            DeclareLaunchArgument("robot_description_semantic", default_value="", description="SRDF file of the robot"),
+            DeclareLaunchArgument(
+                "robot",
+                default_value="",
+                description="a robot that comes along, ur5 or point, instead of a description",
+            ),
+            DeclareLaunchArgument(
+                "frame_id", default_value="", description="planning frame: the root link of the robot; empty: world"
             ),
             DeclareLaunchArgument("config", default_value="", description="parameter file (YAML) of the nodes"),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of the nodes"),

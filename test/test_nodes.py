@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from suite import Suite, gap_scene, point_request, running_suite, waypoints
 
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.nodes.client import SuiteClient
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
@@ -37,6 +38,12 @@ def ur5() -> Iterator[Suite]:
         yield suite.add_all()
 
 
+def plan(client: SuiteClient, request: PlanRequest, seconds: float) -> PlanResponse:
+    """On the scene that the client has heard of, which the planner may hear of a little later."""
+    request.scene_revision = request.scene_revision or client.revision
+    return client.plan(request, seconds)
+
+
 def assert_passes_gap(response: PlanResponse, gap_at: float) -> None:
     """The path is a success, verified anew, and leads through the gap."""
     assert response.error_code == ErrorCode.SUCCESS, response.message
@@ -54,7 +61,7 @@ def test_plan_through_a_gap(point: Suite) -> None:
     client = point.client()
     client.wait_for_nodes(10.0)
     revision = client.publish_scene(gap_scene(0.8))
-    response = client.plan(point_request(), 10.0)
+    response = plan(client, point_request(scene_revision=revision), 10.0)
     assert_passes_gap(response, 0.8)
     assert response.scene_revision == revision
     assert (response.planner_id, response.sampler_id, response.fallback_reason) == ("anytime", "keypoint_tube", "")
@@ -73,11 +80,11 @@ def test_a_scene_update_between_two_plans_counts(point: Suite) -> None:
     client = point.client()
     client.wait_for_nodes(10.0)
     first = client.publish_scene(gap_scene(0.8))
-    assert_passes_gap(client.plan(point_request(), 10.0), 0.8)
+    assert_passes_gap(plan(client, point_request(scene_revision=first), 10.0), 0.8)
     second = client.publish_scene(gap_scene(0.2))
     assert second == first + 1
-    assert_passes_gap(client.plan(point_request(), 10.0), 0.2)
-    stale = client.plan(point_request(scene_revision=first), 10.0)
+    assert_passes_gap(plan(client, point_request(scene_revision=second), 10.0), 0.2)
+    stale = plan(client, point_request(scene_revision=first), 10.0)
     assert stale.error_code == ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE
     assert str(first) in stale.message
 
@@ -91,7 +98,7 @@ def test_plans_in_sequence_and_at_once(point: Suite) -> None:
         other.wait_for_nodes(10.0)
     responses: list[PlanResponse] = []
     threads = [
-        threading.Thread(target=lambda other=other: responses.append(other.plan(point_request(), 20.0)))
+        threading.Thread(target=lambda other=other: responses.append(plan(other, point_request(), 20.0)))
         for other in clients
     ]
     for thread in threads:
@@ -99,7 +106,7 @@ def test_plans_in_sequence_and_at_once(point: Suite) -> None:
     for thread in threads:
         thread.join()
     assert len(responses) == 4
-    responses += [client.plan(point_request(), 20.0) for _ in range(3)]
+    responses += [plan(client, point_request(), 20.0) for _ in range(3)]
     for response in responses:
         assert_passes_gap(response, 0.8)
     # The same seed gives the same path, alone or in company.
@@ -116,7 +123,7 @@ def test_late_nodes_learn_the_scene() -> None:
         assert_passes_gap(_plan_when_scene_is_there(early), 0.8)
         late = suite.client()
         late.wait_for_nodes(20.0)
-        assert_passes_gap(late.plan(point_request(), 10.0), 0.8)
+        assert_passes_gap(plan(late, point_request(), 10.0), 0.8)
 
 
 def test_planner_goes_on_without_inference() -> None:
@@ -127,10 +134,10 @@ def test_planner_goes_on_without_inference() -> None:
         client = suite.client()
         client.wait_for_nodes(20.0)
         client.publish_scene(gap_scene(0.8))
-        assert client.plan(point_request(), 10.0).fallback_reason == ""
+        assert plan(client, point_request(), 10.0).fallback_reason == ""
         suite.remove(inference)
         end = time.monotonic() + 10.0
-        while (response := client.plan(point_request(), 10.0)).fallback_reason == "" and time.monotonic() < end:
+        while (response := plan(client, point_request(), 10.0)).fallback_reason == "" and time.monotonic() < end:
             time.sleep(0.1)
         assert_passes_gap(response, 0.8)
         assert "estimate_keypoints" in response.fallback_reason
@@ -143,7 +150,7 @@ def test_no_scene_yet_is_said_at_once() -> None:
         client = suite.client()
         client.wait_for_nodes(20.0)
         begin = time.monotonic()
-        response = client.plan(point_request(), 10.0)
+        response = plan(client, point_request(), 10.0)
         assert response.error_code == ErrorCode.COLLISION_CHECKING_UNAVAILABLE
         assert "obstacle_scene" in response.message
         assert time.monotonic() - begin < 1.0
@@ -163,7 +170,7 @@ def test_refused_scenes_stop_planning_until_mended(point: Suite) -> None:
     wrong_frame.header.frame_id = "camera"
     assert "unknown frame 'camera'" in _plan_after(client, wrong_frame).message
     assert client.publish_scene(gap_scene(0.8)) == revision + 1
-    assert_passes_gap(client.plan(point_request(), 10.0), 0.8)
+    assert_passes_gap(plan(client, point_request(), 10.0), 0.8)
 
 
 def test_empty_scenes_are_refused(point: Suite) -> None:
@@ -171,7 +178,7 @@ def test_empty_scenes_are_refused(point: Suite) -> None:
     client.wait_for_nodes(10.0)
     scene = gap_scene(0.8)
     client.publish_scene(type(scene).of([], scene.bounds))
-    response = client.plan(point_request(), 10.0)
+    response = plan(client, point_request(), 10.0)
     assert response.error_code == ErrorCode.UNABLE_TO_ACQUIRE_SENSOR_DATA
     assert "allow_empty_scene" in response.message
 
@@ -255,7 +262,7 @@ def test_bad_requests_are_named_at_once(point: Suite, name: str) -> None:
     spoil(request)
     begin = time.monotonic()
     # A time that is nonsense is not for the client to wait for.
-    response = client.plan(request, 10.0 - request.allowed_planning_time)
+    response = plan(client, request, 10.0 - request.allowed_planning_time)
     assert response.error_code == code, response.message
     assert culprit in response.message
     assert not response.trajectory.points
@@ -268,7 +275,7 @@ def test_nothing_found_is_said_in_time(point: Suite) -> None:
     client.publish_scene(gap_scene(0.8, gap=-0.1))
     for allowed in (0.5, 2.0):
         begin = time.monotonic()
-        response = client.plan(point_request(allowed_planning_time=allowed), 10.0)
+        response = plan(client, point_request(allowed_planning_time=allowed), 10.0)
         elapsed = time.monotonic() - begin
         assert response.error_code == ErrorCode.TIMED_OUT
         assert elapsed <= 1.1 * allowed
@@ -278,7 +285,7 @@ def test_samples_run_out(point: Suite) -> None:
     client = point.client()
     client.wait_for_nodes(10.0)
     client.publish_scene(gap_scene(0.8, gap=-0.1))
-    response = client.plan(point_request(max_samples=50, allowed_planning_time=10.0), 10.0)
+    response = plan(client, point_request(max_samples=50, allowed_planning_time=10.0), 10.0)
     assert response.error_code == ErrorCode.PLANNING_FAILED
     assert "50 samples" in response.message
 
@@ -294,11 +301,11 @@ def test_start_comes_from_joint_states(point: Suite) -> None:
     time.sleep(0.2)
     request = point_request()
     request.start = JointState()
-    response = client.plan(request, 10.0)
+    response = plan(client, request, 10.0)
     assert_passes_gap(response, 0.8)
     assert np.allclose(waypoints(response)[0], [0.2, 0.4])
     request.start = JointState(name=["y"], position=[0.6])
-    assert np.allclose(waypoints(client.plan(request, 10.0))[0], [0.2, 0.6])
+    assert np.allclose(waypoints(plan(client, request, 10.0))[0], [0.2, 0.6])
 
 
 def test_samples_come_from_the_local_samplers(point: Suite) -> None:
@@ -332,7 +339,7 @@ def test_plan_motion_gives_feedback_and_is_cancelled(point: Suite) -> None:
     action = ActionClient(client._node, PlanMotion, "plan_motion")
     assert client._spin_until(action.server_is_ready, 5.0)
     phases: list[str] = []
-    goal = PlanMotion.Goal(request=point_request())
+    goal = PlanMotion.Goal(request=point_request(scene_revision=client.revision))
     sent = action.send_goal_async(goal, feedback_callback=lambda message: phases.append(message.feedback.phase))
     assert client._spin_until(sent.done, 5.0)
     outcome = sent.result().get_result_async()
@@ -342,7 +349,7 @@ def test_plan_motion_gives_feedback_and_is_cancelled(point: Suite) -> None:
     assert "verifying" in phases
 
     client.publish_scene(gap_scene(0.8, gap=-0.1))
-    goal = PlanMotion.Goal(request=point_request(allowed_planning_time=30.0))
+    goal = PlanMotion.Goal(request=point_request(allowed_planning_time=30.0, scene_revision=client.revision))
     sent = action.send_goal_async(goal)
     assert client._spin_until(sent.done, 5.0)
     client._spin_until(lambda: False, 0.3)
@@ -385,18 +392,18 @@ def test_unreachable_pose_and_wrong_state_of_an_arm(ur5: Suite) -> None:
     pose = PoseStamped()
     pose.pose.position.x = 5.0
     request.goal_poses = [pose]
-    response = client.plan(request, 10.0)
+    response = plan(client, request, 10.0)
     assert response.error_code == ErrorCode.NO_IK_SOLUTION
     assert "(5.000, 0.000, 0.000)" in response.message
     pose.header.frame_id = "camera_link"
-    response = client.plan(request, 10.0)
+    response = plan(client, request, 10.0)
     assert response.error_code == ErrorCode.FRAME_TRANSFORM_FAILURE
     assert "camera_link" in response.message
     request.start.position = [0.0, -1.57, 0.0]
-    response = client.plan(request, 10.0)
+    response = plan(client, request, 10.0)
     assert response.error_code == ErrorCode.START_STATE_INVALID
     request.start.position = []
-    response = client.plan(request, 10.0)
+    response = plan(client, request, 10.0)
     assert response.error_code == ErrorCode.ROBOT_STATE_STALE
     assert "shoulder_pan_joint" in response.message
 
@@ -409,27 +416,21 @@ def _message(scene: object) -> ObstacleScene:
     return scene_to_msg(scene)
 
 
-def _plan_after(client: object, message: ObstacleScene) -> PlanResponse:
+def _plan_after(client: SuiteClient, message: ObstacleScene) -> PlanResponse:
     """Publish a raw scene message, wait for its status, plan."""
-    from bsp_informed_planner.nodes.client import SuiteClient
-
-    assert isinstance(client, SuiteClient)
     client._spin_until(lambda: client._statuses > 0, 1.0)
     before = client._statuses
     client._publisher.publish(message)
     assert client._spin_until(lambda: client._statuses > before, 5.0)
     # The planner hears of it on another subscription, at about the same time.
     time.sleep(0.2)
-    return client.plan(point_request(), 10.0)
+    return plan(client, point_request(), 10.0)
 
 
-def _plan_when_scene_is_there(client: object) -> PlanResponse:
-    from bsp_informed_planner.nodes.client import SuiteClient
-
-    assert isinstance(client, SuiteClient)
+def _plan_when_scene_is_there(client: SuiteClient) -> PlanResponse:
     end = time.monotonic() + 10.0
     while True:
-        response = client.plan(point_request(), 10.0)
+        response = plan(client, point_request(), 10.0)
         if response.error_code != ErrorCode.COLLISION_CHECKING_UNAVAILABLE or time.monotonic() > end:
             return response
         time.sleep(0.1)

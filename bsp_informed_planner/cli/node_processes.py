@@ -75,7 +75,7 @@ class NodeProcesses:
 
     def start(self, name: str) -> None:
         """Start one node."""
-        command = [sys.executable, "-m", f"bsp_informed_planner.nodes.{name}", "--ros-args"]
+        command = [sys.executable, "-m", "bsp_informed_planner.nodes", name, "--ros-args"]
         if self._namespace:
             command += ["-r", f"__ns:=/{self._namespace.strip('/')}"]
         if self._params_file is not None:

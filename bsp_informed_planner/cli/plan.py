@@ -117,7 +117,7 @@ def _summary(result: PlanResult) -> str:
     checks = statistics.exact_checks
     lines = [
         f"{proof} path of cost {result.cost:.3f}, {len(result.path)} waypoints, {duration:.2f} s long",
-        f"sampler {result.guidance.sampler_id}, {keypoints} keypoints; first solution after {first:.0f} ms of {total:.2f} s",
+        f"sampler {result.guidance.sampler_id}, {keypoints} keypoints; first path in {first:.0f} ms of {total:.2f} s",
         f"{statistics.samples} samples, {statistics.edges_checked} edges, {checks} checks; seed {statistics.seed}",
     ]
     if result.guidance.fallback_reason:

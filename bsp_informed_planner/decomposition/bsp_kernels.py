@@ -1,4 +1,4 @@
-"""Construction of the BSP tree."""
+"""The BSP tree."""
 
 from __future__ import annotations
 
@@ -277,3 +277,14 @@ def build_tree(
         height += 2
         nodes += 2
     return node_planes[:nodes].copy(), node_front[:nodes].copy(), node_back[:nodes].copy(), splits
+
+
+@kernel
+def tree_parents(node_front: Indices, node_back: Indices) -> Indices:
+    """(n,) parent of each node, -1 for the root."""
+    parents = np.full(node_front.shape[0], -1, np.int64)
+    for node in range(node_front.shape[0]):
+        if node_front[node] >= 0:
+            parents[node_front[node]] = node
+            parents[node_back[node]] = node
+    return parents

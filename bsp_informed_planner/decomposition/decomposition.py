@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.decomposition.bsp_kernels import build_tree
 from bsp_informed_planner.decomposition.candidate_kernels import place_candidates
-from bsp_informed_planner.decomposition.cell_kernels import cell_faces
+from bsp_informed_planner.decomposition.cell_kernels import cell_faces, solid_cells
 from bsp_informed_planner.decomposition.clearance_kernels import clearances
 from bsp_informed_planner.decomposition.facets import decomposed_bounds, partition_facets, read_facets
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.decomposition.portal_kernels import cut_portals, free_portals, solid_cells
+from bsp_informed_planner.decomposition.portal_kernels import cut_portals, free_portals
 from bsp_informed_planner.decomposition.search_kernels import candidates_by_cell, list_edges
 from bsp_informed_planner.decomposition.traversal_kernels import locate_points
 from bsp_informed_planner.errors import InvalidDecompositionError

@@ -1,4 +1,4 @@
-"""Portals between cells, interior points of cells, and which cells are obstacles."""
+"""Portals between cells."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
+from bsp_informed_planner.decomposition.bsp_kernels import tree_parents
 from bsp_informed_planner.decomposition.clipping_kernels import (
     BOUNDS_PLANES,
     COPLANAR,
     MINIMUM_AREA,
     NO_PLANE,
-    ON_PLANE,
     SQUARE_CORNERS,
     ZERO,
     bounds_planes,
@@ -23,21 +23,10 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
     with_rows,
 )
 
-# A cell whose interior point is closer to its border than this is a rounding error, and counts as solid [m].
-MINIMUM_DEPTH = 1e-7
+# Stands for the outside of the workspace among cells.
 OUTSIDE = -1
+# Returned when a buffer is too small.
 OVERFLOW = -1
-
-
-@kernel
-def tree_parents(node_front: Indices, node_back: Indices) -> Indices:
-    """(n,) parent of each node, -1 for the root."""
-    parents = np.full(node_front.shape[0], -1, np.int64)
-    for node in range(node_front.shape[0]):
-        if node_front[node] >= 0:
-            parents[node_front[node]] = node
-            parents[node_back[node]] = node
-    return parents
 
 
 @kernel
@@ -196,116 +185,6 @@ def cut_portals(
             partitions = with_rows(partitions, offsets.shape[0] - 1)
     used = offsets[portals]
     return corners[:used].copy(), offsets[: portals + 1].copy(), cells[:portals].copy(), partitions[:portals].copy()
-
-
-@kernel
-def interior_points(corners: Floats, offsets: Indices, cells: Indices, nodes: int) -> Floats:
-    """(n, 3) a point inside each cell, the mean of the corners on its border; NaN for all other nodes.
-
-    Args:
-        corners, offsets, cells: see `cut_portals`. Walls and portals together have all corners of a cell.
-        nodes: n.
-    """
-    sums = np.zeros((nodes, 3))
-    weights = np.zeros(nodes)
-    for portal in range(cells.shape[0]):
-        for side in range(2):
-            cell = cells[portal, side]
-            if cell == OUTSIDE:
-                continue
-            weights[cell] += offsets[portal + 1] - offsets[portal]
-            for i in range(offsets[portal], offsets[portal + 1]):
-                for k in range(3):
-                    sums[cell, k] += corners[i, k]
-    for node in range(nodes):
-        for k in range(3):
-            sums[node, k] = sums[node, k] / weights[node] if weights[node] > 0.0 else np.nan
-    return sums
-
-
-@kernel
-def solid_cells(
-    node_planes: Floats,
-    node_front: Indices,
-    node_back: Indices,
-    portal_corners: Floats,
-    portal_offsets: Indices,
-    portal_cells: Indices,
-    vertices: Floats,
-    vertex_offsets: Indices,
-    facet_planes: Floats,
-    facet_offsets: Indices,
-) -> Flags:
-    """Which cells are obstacles: those with their interior point in a convex polytope, and those without interior.
-
-    Each polytope is sent down the tree to the cells that it touches.
-
-    Args:
-        node_planes, node_front, node_back: the tree.
-        portal_corners, portal_offsets, portal_cells: see `cut_portals`.
-        vertices: (v, 3) of the polytopes; vertex_offsets: (b + 1,).
-        facet_planes: (f, 4) outward planes of their facets; facet_offsets: (b + 1,).
-
-    Returns:
-        (n,), False for inner nodes.
-    """
-    nodes = node_front.shape[0]
-    parents = tree_parents(node_front, node_back)
-    interiors = interior_points(portal_corners, portal_offsets, portal_cells, nodes)
-    solid = np.zeros(nodes, np.bool_)
-    for leaf in range(nodes):
-        if node_front[leaf] >= 0:
-            continue
-        x, y, z = interiors[leaf, 0], interiors[leaf, 1], interiors[leaf, 2]
-        node = leaf
-        if np.isnan(x):
-            solid[leaf] = True
-            continue
-        while parents[node] >= 0:
-            node = parents[node]
-            plane = node_planes[node]
-            if abs(plane[0] * x + plane[1] * y + plane[2] * z - plane[3]) < MINIMUM_DEPTH:
-                solid[leaf] = True
-                break
-
-    stack = np.empty(64, np.int64)
-    for body in range(vertex_offsets.shape[0] - 1):
-        stack[0] = 0
-        height = 1
-        while height > 0:
-            height -= 1
-            node = stack[height]
-            if node_front[node] < 0:
-                if not solid[node]:
-                    inside = True
-                    for facet in range(facet_offsets[body], facet_offsets[body + 1]):
-                        outside = -facet_planes[facet, 3]
-                        for k in range(3):
-                            outside += facet_planes[facet, k] * interiors[node, k]
-                        if outside > 0.0:
-                            inside = False
-                            break
-                    if inside:
-                        solid[node] = True
-                continue
-            plane = node_planes[node]
-            any_front, any_back = False, False
-            for i in range(vertex_offsets[body], vertex_offsets[body + 1]):
-                side = plane[0] * vertices[i, 0] + plane[1] * vertices[i, 1] + plane[2] * vertices[i, 2] - plane[3]
-                if side > ON_PLANE:
-                    any_front = True
-                elif side < -ON_PLANE:
-                    any_back = True
-                if any_front and any_back:
-                    break
-            stack = with_rows(stack, height + 2)
-            if any_front:
-                stack[height] = node_front[node]
-                height += 1
-            if any_back:
-                stack[height] = node_back[node]
-                height += 1
-    return solid
 
 
 @kernel

@@ -9,11 +9,11 @@ import numpy as np
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.decomposition.clipping_kernels import ON_PLANE, with_rows
+from bsp_informed_planner.decomposition.portal_kernels import OUTSIDE
 
 # Coordinates of a point.
 Point = tuple[float, float, float]
 
-OUTSIDE = -1
 # Segments that advance less towards a wall are parallel to it [m].
 ALONG_WALL = 1e-15
 

@@ -51,6 +51,11 @@ class SuiteClient:
         self._executor.remove_node(self._node)
         self._executor.shutdown()
 
+    @property
+    def revision(self) -> int:
+        """Revision of the scene in force, as far as this client has heard; 0: none."""
+        return 0 if self._status is None else int(self._status.revision)
+
     def wait_for_nodes(self, seconds: float, alive: Callable[[], None] | None = None) -> None:
         """Wait until the decomposition node listens and `plan` is served, by a planner node that has guidance.
 
@@ -144,7 +149,9 @@ class SuiteClient:
         return True
 
 
-def request_for(problem: ScenarioProblem, robot: Robot, allowed_seconds: float, seed: int = 0) -> PlanRequest:
+def request_for(
+    problem: ScenarioProblem, robot: Robot, allowed_seconds: float, seed: int = 0, revision: int = 0
+) -> PlanRequest:
     """The request that states a problem.
 
     Args:
@@ -152,9 +159,11 @@ def request_for(problem: ScenarioProblem, robot: Robot, allowed_seconds: float, 
         robot: names the joints.
         allowed_seconds: planning time [s].
         seed: of the planner; 0: it draws one.
+        revision: of the scene to plan on, as `SuiteClient.publish_scene` returned it; 0: the latest that the planner
+            node has heard of.
     """
     names = list(robot.joint_names)
-    request = PlanRequest(allowed_planning_time=allowed_seconds, seed=seed)
+    request = PlanRequest(allowed_planning_time=allowed_seconds, seed=seed, scene_revision=revision)
     request.start = JointState(name=names, position=problem.start.tolist())
     request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in problem.goals]
     for pose in problem.goal_poses:

@@ -37,6 +37,10 @@ from bsp_informed_planner.visualization.markers import plan_markers
 logger = logging.getLogger(__name__)
 
 
+#: How long a plan waits for a scene revision that its client has heard of before this node has [s].
+SCENE_PATIENCE = 1.0
+
+
 @dataclass(frozen=True)
 class PlannerParameters(RobotParameters):
     """Parameters of the planner node."""
@@ -192,7 +196,7 @@ class PlannerNode(PlannerSuiteNode):
         self._plans += 1
         world: World | None = None
         try:
-            world = self._world.current(int(request.scene_revision))
+            world = self._world.current(int(request.scene_revision), SCENE_PATIENCE)
             with self._joint_lock:
                 joint_states = dict(self._joint_states)
             problem = problem_from_msg(request, world.robot, joint_states)

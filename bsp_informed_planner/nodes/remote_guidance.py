@@ -20,6 +20,10 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 #: Configurations asked for at once.
 BATCH = 256
+#: Pause before asking an inference node again that is behind with the scene [s].
+RETRY_SECONDS = 0.01
+
+_BEHIND = (ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE, ErrorCode.COLLISION_CHECKING_UNAVAILABLE)
 
 
 class InferenceUnavailableError(Exception):
@@ -92,6 +96,7 @@ class RemoteGuide:
 
     def _call(self, client: Client, request: Any, seconds: float) -> Any:
         """Wait for an answer: in a worker thread, while the executor's threads go on."""
+        begin = time.monotonic()
         if not client.service_is_ready():
             raise InferenceUnavailableError(f"service {client.srv_name} is not there")
         future = client.call_async(request)
@@ -101,6 +106,10 @@ class RemoteGuide:
             client.remove_pending_request(future)
             raise InferenceUnavailableError(f"service {client.srv_name} did not answer within {seconds:.2f} s")
         answer = future.result()
+        if answer.error_code in _BEHIND and begin + seconds - time.monotonic() > RETRY_SECONDS:
+            # The scene reached this node first; it is on its way to the other.
+            time.sleep(RETRY_SECONDS)
+            return self._call(client, request, begin + seconds - time.monotonic())
         if answer.error_code != ErrorCode.SUCCESS:
             raise InferenceUnavailableError(f"{client.srv_name}: {answer.message}")
         return answer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -27,7 +28,7 @@ class RobotParameters:
     robot_description: str = parameter("", "URDF of the arm, as XML or as a path; empty: wait for the topic.")
     robot_description_semantic: str = parameter("", "SRDF, as XML or as a path; empty: no pairs are disabled.")
     package_dirs: str = parameter(
-        "", "Folders in which package:// addresses of meshes are looked up, separated by ':'."
+        "", "Folders in which package:// addresses of meshes are looked up, separated by ':', before those of ROS."
     )
     tool_frame: str = parameter("", "Frame whose origin passes the keypoints; empty: chosen from the description.")
 
@@ -75,9 +76,15 @@ class RobotSource:
         return load_arm(
             urdf,
             self._parameters.robot_description_semantic or None,
-            package_dirs=[folder for folder in self._parameters.package_dirs.split(":") if folder],
+            package_dirs=self._package_dirs(),
             tool_frame=self._parameters.tool_frame or None,
         )
+
+    def _package_dirs(self) -> list[str]:
+        """The parameter's folders, then the `share` folders of ROS, where packages are found by name."""
+        given = [folder for folder in self._parameters.package_dirs.split(":") if folder]
+        prefixes = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+        return given + [share for prefix in prefixes if os.path.isdir(share := os.path.join(prefix, "share"))]
 
     def _on_description(self, message: String) -> None:
         try:

@@ -60,7 +60,7 @@ class WorldTracker:
     def __init__(self, node: LifecycleNode, allow_empty_scene: bool = False) -> None:
         self._node = node
         self._allow_empty_scene = allow_empty_scene
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
         self._robot: Robot | None = None
         self._scene: Scene | None = None
         self._decomposition: tuple[int, Decomposition] | None = None
@@ -103,11 +103,12 @@ class WorldTracker:
         """Of the scene in force; 0 without one."""
         return 0 if self._scene is None else self._scene.revision
 
-    def current(self, revision: int = 0) -> World:
+    def current(self, revision: int = 0, wait_seconds: float = 0.0) -> World:
         """The world now.
 
         Args:
             revision: the scene revision that it must have; 0: any.
+            wait_seconds: how long to wait for a revision that is to come [s]; not for callbacks of the executor.
 
         Raises:
             RobotDescriptionError: no robot is known yet.
@@ -119,6 +120,8 @@ class WorldTracker:
         """
         robot = self.robot
         with self._lock:
+            if revision > 0:
+                self._lock.wait_for(lambda: self.revision >= revision or bool(self._refusal), wait_seconds)
             if self._refusal:
                 raise SceneRefusedError(self._refusal)
             scene = self._scene
@@ -150,6 +153,7 @@ class WorldTracker:
             # A decomposition node that was restarted counts from one again: what it says last is in force.
             self._scene = scene
             self._world = None
+            self._lock.notify_all()
 
     def _on_graph(self, message: KeypointGraph) -> None:
         decomposition = decomposition_from_msg(message)
@@ -160,4 +164,5 @@ class WorldTracker:
 
     def _on_status(self, message: SceneStatus) -> None:
         with self._lock:
+            self._lock.notify_all()
             self._refusal = "" if message.error_code == ErrorCode.SUCCESS else message.message
