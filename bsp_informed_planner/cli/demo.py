@@ -171,6 +171,7 @@ def _draw(
 ) -> None:
     keypoints = np.array([(point.x, point.y, point.z) for point in response.keypoints]).reshape(-1, 3)
     proof = "certified collision-free" if response.certified else "checked collision-free"
-    title = f"{robot.name.upper()} {problem.description}: {proof}"
+    name = "UR5" if robot.name == "ur5" else "Point robot in a"
+    title = f"{name} {problem.description}: {proof}"
     draw = draw_point_plan if robot.workspace_dimension == 2 else draw_arm_plan
     draw(picture, robot, problem.scene, path, keypoints, decomposition=decomposition, title=title)

@@ -61,7 +61,10 @@ class PlannerParameters(RobotParameters):
     )
     padding: float = parameter(0.0, "Distance kept from obstacles [m].", minimum=0.0, maximum=1.0)
     blend_deviation: float = parameter(
-        0.05, "How far the timed path may leave the corners of the path [rad].", minimum=0.0, maximum=1.0
+        -1.0,
+        "How far the timed path may leave the corners of the path [rad or m]; negative: the robot's default.",
+        minimum=-1.0,
+        maximum=1.0,
     )
     trajectory_time_step: float = parameter(0.02, "Between two points of a trajectory [s].", minimum=1e-3, maximum=1.0)
     allow_empty_scene: bool = parameter(False, "Plan in a scene without obstacles, instead of refusing to.")
@@ -79,7 +82,7 @@ class PlannerParameters(RobotParameters):
             search_resolution=self.search_resolution or None,
             verification_resolution=self.verification_resolution or None,
             padding=self.padding,
-            blend_deviation=self.blend_deviation,
+            blend_deviation=None if self.blend_deviation < 0.0 else self.blend_deviation,
             time_step=self.trajectory_time_step,
         )
 

@@ -35,6 +35,7 @@ from bsp_informed_planner.planning.problem import (
     PlanResult,
     PlanStatistics,
     Trajectory,
+    default_blend_deviation,
 )
 from bsp_informed_planner.planning.search import Progress, Search
 from bsp_informed_planner.planning.timing import time_path
@@ -249,24 +250,34 @@ class Planner:
         )
 
     def _timed(self, path: FloatArray, judge: CertifyingChecker, options: PlanOptions) -> tuple[Trajectory, Verdict]:
-        """Time a verified path, its corners as round as they can be without leaving what is free.
+        """Time a verified path, its corners as round as they can be while it stays certified, if the path is.
 
         Raises:
             PlanningFailedError: if states of the path that were not checked before turn out to collide.
         """
-        for deviation in (options.blend_deviation, options.blend_deviation / 4.0, 0.0):
+        deviation = options.blend_deviation
+        if deviation is None:
+            deviation = default_blend_deviation(self.robot)
+        fallback: tuple[Trajectory, Verdict] | None = None
+        for allowed in (deviation, deviation / 4.0, deviation / 16.0, 0.0):
             trajectory = time_path(
                 path,
                 self.robot.velocity_limits * options.velocity_scaling,
                 self.robot.acceleration_limits * options.acceleration_scaling,
-                deviation=deviation,
+                deviation=allowed,
                 time_step=options.time_step,
             )
             verdict = judge.verdict(trajectory.positions)
-            if verdict is not Verdict.COLLIDING:
+            if verdict is Verdict.CERTIFIED:
                 return trajectory, verdict
-        # Without deviation the trajectory stays on the path: a collision can have hidden only between checked states.
-        raise PlanningFailedError("the path found touches an obstacle in states between those checked before")
+            if verdict is Verdict.CHECKED and fallback is None:
+                fallback = trajectory, verdict
+            if deviation == 0.0:
+                break
+        if fallback is None:
+            # Without deviation the trajectory stays on the path: the collision hid between states checked before.
+            raise PlanningFailedError("the path found touches an obstacle in states between those checked before")
+        return fallback
 
     def _statistics(self, seed: int, search: Search, guidance: Guidance, checks: int) -> PlanStatistics:
         decomposition = self._decomposition

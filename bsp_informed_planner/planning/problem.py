@@ -70,7 +70,8 @@ class PlanOptions:
         padding: distance to keep from obstacles [m].
         velocity_scaling, acceleration_scaling: fractions of the robot's limits to use, in (0, 1].
         blend_deviation: how far the timed path may leave the corners of the planned one [rad or m]; where that is not
-            free, it gets closer, and stops in the corner at last.
+            free, it gets closer, and stops in the corner at last. None: 0.05 rad, or 0.5 % of the diagonal of its space
+            for a robot that only slides.
         time_step: between two points of the trajectory [s].
         max_goals: most goal configurations (branches and windings) made from each pose.
     """
@@ -88,7 +89,7 @@ class PlanOptions:
     padding: float = 0.0
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
-    blend_deviation: float = 0.05
+    blend_deviation: float | None = None
     time_step: float = 0.02
     max_goals: int = 16
 
@@ -107,7 +108,8 @@ class PlanOptions:
         positive("time_step", 1.0)
         require("uniform_fraction", 0.0 <= self.uniform_fraction <= 1.0, "a number in [0, 1]")
         require("padding", bool(np.isfinite(self.padding)) and 0.0 <= self.padding <= 1.0, "a number in [0, 1] m")
-        require("blend_deviation", bool(np.isfinite(self.blend_deviation)) and self.blend_deviation >= 0.0, "0 or more")
+        deviation = 0.0 if self.blend_deviation is None else self.blend_deviation
+        require("blend_deviation", bool(np.isfinite(deviation)) and deviation >= 0.0, "0 or more")
         require("max_samples", self.max_samples is None or self.max_samples >= 1, "at least 1, or none for no bound")
         require("max_goals", self.max_goals >= 1, "at least 1")
         require("seed", self.seed is None or self.seed >= 0, "0 or more")
@@ -119,6 +121,11 @@ class PlanOptions:
 def default_search_resolution(robot: Robot) -> float:
     """How far a point of the robot may move between states checked while searching, by default [m]."""
     return 0.03 if robot.revolute.any() else 0.003 * float(np.linalg.norm(robot.upper - robot.lower))
+
+
+def default_blend_deviation(robot: Robot) -> float:
+    """How far a timed path may leave the corners of the planned one, by default [rad or m]."""
+    return 0.05 if robot.revolute.any() else 0.005 * float(np.linalg.norm(robot.upper - robot.lower))
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,7 +53,7 @@ def random_shelf_problem(
             if not len(starts):
                 continue
             start = starts[int(rng.integers(len(starts)))]
-            origin = "in front of the shelf" if start_level is None else f"in level {start_level + 1}"
+            origin = "in front of the shelf" if start_level is None else f"level {start_level + 1}"
             return ScenarioProblem(
                 shelf.scene, start, goal_poses=(goal,), description=f"from {origin} into level {goal_level + 1}"
             )
