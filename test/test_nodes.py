@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from bsp_informed_planner_msgs.action import PlanMotion
-from bsp_informed_planner_msgs.msg import ObstacleScene, PlanRequest, PlanResponse
+from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, PlanRequest, PlanResponse
 from bsp_informed_planner_msgs.srv import SampleConfigurations
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
@@ -22,7 +22,7 @@ from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
 from bsp_informed_planner.nodes.planner_node import PlannerNode
-from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.nodes.qos import LATCHED, UPDATES
 from bsp_informed_planner.robots.point import PointRobot
 
 
@@ -379,6 +379,32 @@ def test_diffs_change_the_scene(point: Suite) -> None:
     unknown.obstacles = unknown.obstacles[:1]
     unknown.obstacles[0].id, unknown.obstacles[0].operation = "ghost", b"\x03"
     assert "no obstacle 'ghost'" in _plan_after(client, unknown).message
+
+
+def test_floods_of_scenes_end_with_the_newest(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    before = client.publish_scene(gap_scene(0.8))
+    graphs: list[int] = []
+    scenes: list[int] = []
+    client._node.create_subscription(
+        KeypointGraph, "keypoint_graph", lambda message: graphs.append(message.scene_revision), 500
+    )
+    client._node.create_subscription(ObstacleScene, "scene", lambda message: scenes.append(message.revision), 500)
+    client._spin_until(lambda: False, 0.5)
+    flood = client._node.create_publisher(ObstacleScene, "obstacle_scene", UPDATES)
+    assert client._spin_until(lambda: flood.get_subscription_count() > 0, 5.0)
+    count = 80
+    for index in range(count):
+        message = _message(gap_scene(0.2 + 0.6 * index / (count - 1)))
+        flood.publish(message)
+    assert client._spin_until(lambda: client.revision == before + count, 10.0)
+    client._spin_until(lambda: False, 0.3)
+    assert scenes[-1] == graphs[-1] == before + count
+    # In order, each scene with its graph, though not each revision.
+    assert scenes == sorted(set(scenes))
+    assert graphs == scenes
+    assert_passes_gap(plan(client, point_request(), 10.0), 0.8)
 
 
 def test_unreachable_pose_and_wrong_state_of_an_arm(ur5: Suite) -> None:
