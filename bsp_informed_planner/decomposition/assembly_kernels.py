@@ -62,15 +62,15 @@ def candidates_of_portals(
     horizontal: bool,
     margin: float,
     minimum_width: float,
+    cap: float,
     vertices: Floats,
     vertex_offsets: Indices,
     loops: Indices,
     loop_offsets: Indices,
     planes: Floats,
     facet_offsets: Indices,
-    cap: float,
 ) -> tuple[Floats, Indices, Floats]:
-    """Candidates, their portals and clearances: `place_candidates` and `clearances`, which say what the arguments are."""
+    """Candidates, their portals and clearances; for the arguments see `place_candidates` and `clearances`."""
     candidates, candidate_portals = place_candidates(
         corners, offsets, partitions, node_planes, columns, rows, horizontal, margin, minimum_width
     )
@@ -98,6 +98,7 @@ def candidates_of_changed_portals(
     horizontal: bool,
     margin: float,
     minimum_width: float,
+    cap: float,
     gone_vertices: Floats,
     gone_vertex_offsets: Indices,
     gone_loops: Indices,
@@ -116,17 +117,15 @@ def candidates_of_changed_portals(
     loop_offsets: Indices,
     planes: Floats,
     facet_offsets: Indices,
-    cap: float,
 ) -> tuple[Floats, Indices, Indices, Indices, Floats, Indices, Floats]:
     """Former portals that are still there and new ones, and their candidates.
 
     Args:
         old_corners, ...: of the former decomposition, see `join_portals`.
         corners, offsets, cells, partitions: new portals.
-        node_planes, columns, rows, horizontal, margin, minimum_width: see `place_candidates`.
+        node_planes, columns, rows, horizontal, margin, minimum_width: see `place_candidates`; cap: see `clearances`.
         gone_vertices, ..., added_vertices, ..., vertices, ...: polytopes that are gone, that are new, and all that
             there are now, see `FacetSet`.
-        cap: see `clearances`.
 
     Returns:
         corners, offsets, cells and partitions of portals; candidates, their portals and clearances.

@@ -181,8 +181,8 @@ def build_tree(
 
     Returns:
         for each node: index of its plane, -1 for a leaf; that plane, zeros for a leaf; front child; back child, -1 for
-        a leaf. Children come after their parent. For each node of the former tree its new number, -1 if it is gone. And the number of facets that
-        were split.
+        a leaf. Children come after their parent. For each node of the former tree its new number, -1 if it is gone.
+        And the number of facets that were split.
     """
     pieces = facet_planes.shape[0]
     vertices = corners

@@ -103,9 +103,7 @@ def box_gap_square(boxes: Floats, box: int, points: Floats, point: int) -> float
 
 
 @kernel
-def buckets_of_boxes(
-    boxes: Floats, margin: float, lower: Floats, upper: Floats, size: int
-) -> tuple[Indices, Indices]:
+def buckets_of_boxes(boxes: Floats, margin: float, lower: Floats, upper: Floats, size: int) -> tuple[Indices, Indices]:
     """Files boxes, larger by `margin`, in a grid of size^3 buckets between `lower` and `upper`.
 
     Args:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from bsp_informed_planner.decomposition.bsp_kernels import REPLACED, build_tree
 from bsp_informed_planner.decomposition.change_kernels import fates_of_nodes
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.facets import PartitionFacets, partition_facets
-from bsp_informed_planner.decomposition.options import DecompositionOptions
+from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
 from bsp_informed_planner.scene.scene import WorkspaceBounds
 
 
@@ -64,33 +65,6 @@ class Construction:
         return (len(self.node_front) + 1) // 2
 
 
-@dataclass(frozen=True)
-class UpdateOptions:
-    """What is partitioned anew when obstacles change, and when everything is.
-
-    Where obstacles have changed, cells are touched. A node of the tree is replaced with all below it if a cell below it
-    is touched, and there are few cells below it, or many of them are touched, or its plane has no facet any more.
-    Replacing more gives a better tree and takes longer.
-
-    Attributes:
-        few_cells: so many cells are few.
-        useless_cells: so many cells below a plane without facets are few.
-        touched_share: such a share of touched cells is many.
-        replaced_share: if more of the cells are to be replaced, everything is.
-        growth: everything is replaced once there are this many times as many cells as there were when everything was
-            replaced last.
-        changed_share: everything is replaced once so many obstacles have changed since it was replaced last, relative
-            to their number. What is left of former obstacles makes no better partitions than that.
-    """
-
-    few_cells: int = 8
-    useless_cells: int = 32
-    touched_share: float = 0.5
-    replaced_share: float = 0.5
-    growth: float = 1.5
-    changed_share: float = 0.5
-
-
 def construct(facets: FacetSet, bounds: WorkspaceBounds, options: DecompositionOptions) -> Construction:
     """The decomposition of a workspace, from scratch."""
     begin = time.perf_counter()
@@ -108,8 +82,8 @@ def update(
 ) -> Construction | None:
     """The decomposition of a workspace in which obstacles have come and gone, from the one before.
 
-    Facets keep the planes that they have been moved to, and added ones are moved to planes that are there; partitions of
-    planes without facets stay in parts of the tree that nothing has touched. For the rest it is what `construct` makes.
+    Facets keep the planes that they have been moved to, and added ones are moved to planes that are there. Partitions
+    of planes without facets stay in parts of the tree that nothing has touched. The rest is what `construct` makes.
 
     Args:
         former: the decomposition before.
@@ -198,13 +172,15 @@ def _constructed(
     cut = time.perf_counter()
 
     flat, grid = options.dimension == 2, options.grid
-    placement = (grid, 1 if flat else grid, flat, options.effective_margin, options.minimum_portal_width)
+    placement: tuple[Any, ...] = (grid, 1 if flat else grid, flat, options.effective_margin)
+    placement += (options.minimum_portal_width, options.clearance_cap)
     if changes is None:
         candidates, candidate_portals, distances = candidates_of_portals(
-            corners, offsets, partitions, node_planes, *placement, *facets.arrays, options.clearance_cap
+            corners, offsets, partitions, node_planes, *placement, *facets.arrays
         )
     else:
         removed, added = changes
+        geometry: tuple[Any, ...] = (*removed.arrays, *added.arrays, *facets.arrays)
         corners, offsets, cells, partitions, candidates, candidate_portals, distances = candidates_of_changed_portals(
             former.portal_corners,
             former.portal_offsets,
@@ -220,16 +196,29 @@ def _constructed(
             partitions,
             node_planes,
             *placement,
-            *removed.arrays,
-            *added.arrays,
-            *facets.arrays,
-            options.clearance_cap,
+            *geometry,
         )
     done = time.perf_counter()
     return Construction(
-        facets, pieces, plane_indices, node_planes, front, back, solid, corners, offsets, cells, partitions,
-        candidates, candidate_portals, distances, int(split_count), (len(front) + 1) // 2 - kept_cells,
-        partitioned - begin, cut - partitioned, done - cut,
+        facets,
+        pieces,
+        plane_indices,
+        node_planes,
+        front,
+        back,
+        solid,
+        corners,
+        offsets,
+        cells,
+        partitions,
+        candidates,
+        candidate_portals,
+        distances,
+        int(split_count),
+        (len(front) + 1) // 2 - kept_cells,
+        partitioned - begin,
+        cut - partitioned,
+        done - cut,
     )
 
 
@@ -238,7 +227,9 @@ def _nothing() -> Construction:
     none, points = np.empty(0, np.int64), np.empty((0, 3))
     leaf, start = np.full(1, -1), np.zeros(1, np.int64)
     facets = FacetSet.of(())
-    pieces = PartitionFacets(points, start, np.empty((0, 4)), none, np.empty(0), np.empty((0, 4)), none, np.empty((0, 4)))
+    pieces = PartitionFacets(
+        points, start, np.empty((0, 4)), none, np.empty(0), np.empty((0, 4)), none, np.empty((0, 4))
+    )
     return Construction(
         facets, pieces, leaf, np.zeros((1, 4)), leaf, leaf, np.zeros(1, np.bool_),
         points, start, np.empty((0, 2), np.int64), none, points, none, np.empty(0),

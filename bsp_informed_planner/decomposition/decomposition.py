@@ -116,7 +116,7 @@ class Decomposition:
 
     @staticmethod
     def _of_own_arrays(**attributes: Any) -> Decomposition:
-        """A decomposition of all its attributes, with arrays that need no check: those take as long as a small update."""
+        """A decomposition of all its attributes, with arrays that need no check: it takes as long as an update."""
         decomposition = object.__new__(Decomposition)
         for name, value in attributes.items():
             if isinstance(value, np.ndarray):

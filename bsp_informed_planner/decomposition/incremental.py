@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from bsp_informed_planner.decomposition.construction import Construction, UpdateOptions, construct, update
+from bsp_informed_planner.decomposition.construction import Construction, construct, update
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decomposition_of
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.facets import decomposed_bounds, read_facets
-from bsp_informed_planner.decomposition.options import DecompositionOptions
+from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 
 
@@ -69,7 +69,7 @@ class IncrementalDecomposer:
         bounds = decomposed_bounds(scene, self.options)
         former = self._construction
         if former is None or (scene.bounds is not self._bounds and scene.bounds != self._bounds):
-            obstacles = {id: (obstacle, k) for k, (id, obstacle) in enumerate(scene.obstacles.items())}
+            obstacles = {name: (obstacle, k) for k, (name, obstacle) in enumerate(scene.obstacles.items())}
             facets, scene_seconds = read_facets(scene, self.options), time.perf_counter() - begin
             construction = construct(facets, bounds, self.options)
             self._remember(construction, obstacles, len(obstacles), None)
@@ -88,16 +88,17 @@ class IncrementalDecomposer:
             gone = is_gone[former.facets.owners]
             scene_seconds = time.perf_counter() - begin
 
-            changes = max(len(changed), len(gone_numbers))
+            count = max(len(changed), len(gone_numbers))
             updated = None
-            if self._changes + changes <= self.limits.changed_share * len(obstacles):
+            if self._changes + count <= self.limits.changed_share * len(obstacles):
                 updated = update(former, gone, added, bounds, self.options, self.limits)
             if updated is None or updated.leaf_count > self.limits.growth * self._leaves:
                 construction = construct(FacetSet.joined(former.facets.selected(~gone), added), bounds, self.options)
-                changes = None
             else:
                 construction = updated
-            self._remember(construction, obstacles, self._next_number + len(changed), changes)
+            self._remember(
+                construction, obstacles, self._next_number + len(changed), count if construction is updated else None
+            )
         self._bounds = scene.bounds
         return decomposition_of(construction, scene, bounds, self.options, scene_seconds)
 
@@ -107,20 +108,20 @@ class IncrementalDecomposer:
         obstacles = dict(known)
         changed: list[Obstacle] = []
         gone: list[int] = []
-        for id, obstacle in scene.obstacles.items():
-            before = known.get(id)
+        for name, obstacle in scene.obstacles.items():
+            before = known.get(name)
             if before is not None:
                 if before[0] is obstacle:
                     continue
                 if same_obstacle(before[0], obstacle):
-                    obstacles[id] = (obstacle, before[1])
+                    obstacles[name] = (obstacle, before[1])
                     continue
                 gone.append(before[1])
-            obstacles[id] = (obstacle, self._next_number + len(changed))
+            obstacles[name] = (obstacle, self._next_number + len(changed))
             changed.append(obstacle)
         if len(obstacles) > len(scene.obstacles):
-            for id in known.keys() - scene.obstacles.keys():
-                gone.append(obstacles.pop(id)[1])
+            for name in known.keys() - scene.obstacles.keys():
+                gone.append(obstacles.pop(name)[1])
         return obstacles, changed, gone
 
     def _remember(

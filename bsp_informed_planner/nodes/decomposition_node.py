@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from visualization_msgs.msg import MarkerArray
 
-from bsp_informed_planner.decomposition.decomposition import decompose
+from bsp_informed_planner.decomposition.incremental import IncrementalDecomposer
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import BspPlannerError, SceneUnavailableError, UnknownFrameError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
@@ -63,7 +63,9 @@ class DecompositionNode(PlannerSuiteNode):
         self._bounds = WorkspaceBounds(
             np.array(self._parameters.workspace_min), np.array(self._parameters.workspace_max)
         )
-        self._options = DecompositionOptions(dimension=self._parameters.dimension, grid=self._parameters.grid)
+        self._decomposer = IncrementalDecomposer(
+            DecompositionOptions(dimension=self._parameters.dimension, grid=self._parameters.grid)
+        )
         # The scene in force, whose graph is published, and the newest one, which the worker may still be at.
         self._scene: Scene | None = None
         self._newest: Scene | None = None
@@ -147,7 +149,7 @@ class DecompositionNode(PlannerSuiteNode):
         """In the worker's thread: decompose a scene and put it in force."""
         scene, stamp = item
         try:
-            decomposition = decompose(scene, self._options)
+            decomposition = self._decomposer.decompose(scene)
         except Exception as error:  # noqa: BLE001 -- the worker must go on
             self._refuse(error)
             return
