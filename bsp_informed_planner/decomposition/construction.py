@@ -174,13 +174,14 @@ def _constructed(
     flat, grid = options.dimension == 2, options.grid
     placement: tuple[Any, ...] = (grid, 1 if flat else grid, flat, options.effective_margin)
     placement += (options.minimum_portal_width, options.clearance_cap)
+    geometry: tuple[Any, ...] = facets.arrays
     if changes is None:
         candidates, candidate_portals, distances = candidates_of_portals(
-            corners, offsets, partitions, node_planes, *placement, *facets.arrays
+            corners, offsets, partitions, node_planes, *placement, *geometry
         )
     else:
         removed, added = changes
-        geometry: tuple[Any, ...] = (*removed.arrays, *added.arrays, *facets.arrays)
+        geometry = (*removed.arrays, *added.arrays, *geometry)
         corners, offsets, cells, partitions, candidates, candidate_portals, distances = candidates_of_changed_portals(
             former.portal_corners,
             former.portal_offsets,

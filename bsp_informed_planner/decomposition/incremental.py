@@ -38,9 +38,9 @@ class IncrementalDecomposer:
         self.limits = limits or UpdateOptions()
         self._construction: Construction | None = None
         self._bounds: WorkspaceBounds | None = None
-        # Obstacles by id, and their numbers as owners of facets.
+        # Obstacles by id, and their numbers as owners of facets. Numbers of what is gone are given again.
         self._obstacles: dict[str, tuple[Obstacle, int]] = {}
-        self._next_number = 0
+        self._unused: list[int] = []
         # Since everything was replaced last: changed obstacles; and the cells that there were then.
         self._changes = 0
         self._leaves = 0
@@ -52,7 +52,7 @@ class IncrementalDecomposer:
 
     @property
     def is_rebuilt(self) -> bool:
-        """Whether the last decomposition was made from scratch."""
+        """Whether the last decomposition shares no cell with the one before, as one made from scratch."""
         return self._construction is not None and self.replaced_cells == self._construction.leaf_count
 
     def decompose(self, scene: Scene) -> Decomposition:
@@ -72,20 +72,24 @@ class IncrementalDecomposer:
             obstacles = {name: (obstacle, k) for k, (name, obstacle) in enumerate(scene.obstacles.items())}
             facets, scene_seconds = read_facets(scene, self.options), time.perf_counter() - begin
             construction = construct(facets, bounds, self.options)
-            self._remember(construction, obstacles, len(obstacles), None)
+            self._remember(construction, obstacles, [], None)
         else:
             obstacles, changed, gone_numbers = self._compared(scene)
             if not changed and not gone_numbers:
                 construction = replace(
                     former, replaced_cells=0, partition_seconds=0.0, portal_seconds=0.0, graph_seconds=0.0
                 )
-                self._remember(construction, obstacles, self._next_number, 0)
+                self._remember(construction, obstacles, self._unused, 0)
                 return decomposition_of(construction, scene, bounds, self.options, time.perf_counter() - begin)
             added = read_facets(Scene.of(changed, scene.bounds), self.options)
-            added = FacetSet(*added.arrays, added.owners + self._next_number)
-            is_gone = np.zeros(self._next_number, np.bool_)
+            is_gone = np.zeros(len(self._obstacles) + len(self._unused), np.bool_)
             is_gone[gone_numbers] = True
             gone = is_gone[former.facets.owners]
+            numbers = gone_numbers + self._unused
+            numbers.extend(range(len(is_gone), len(is_gone) + len(changed) - len(numbers)))
+            for number, obstacle in zip(numbers, changed, strict=False):
+                obstacles[obstacle.id] = (obstacle, number)
+            added = FacetSet(*added.arrays, np.array(numbers, np.int64)[added.owners])
             scene_seconds = time.perf_counter() - begin
 
             count = max(len(changed), len(gone_numbers))
@@ -93,17 +97,17 @@ class IncrementalDecomposer:
             if self._changes + count <= self.limits.changed_share * len(obstacles):
                 updated = update(former, gone, added, bounds, self.options, self.limits)
             if updated is None or updated.leaf_count > self.limits.growth * self._leaves:
+                scene_seconds = time.perf_counter() - begin
                 construction = construct(FacetSet.joined(former.facets.selected(~gone), added), bounds, self.options)
+                self._remember(construction, obstacles, numbers[len(changed) :], None)
             else:
                 construction = updated
-            self._remember(
-                construction, obstacles, self._next_number + len(changed), count if construction is updated else None
-            )
+                self._remember(construction, obstacles, numbers[len(changed) :], count)
         self._bounds = scene.bounds
         return decomposition_of(construction, scene, bounds, self.options, scene_seconds)
 
     def _compared(self, scene: Scene) -> tuple[dict[str, tuple[Obstacle, int]], list[Obstacle], list[int]]:
-        """The obstacles of a scene with their numbers; those that are new or changed; the numbers that are gone."""
+        """Obstacles that are left, with their numbers; those that are new or changed; numbers of what is gone."""
         known = self._obstacles
         obstacles = dict(known)
         changed: list[Obstacle] = []
@@ -117,22 +121,20 @@ class IncrementalDecomposer:
                     obstacles[name] = (obstacle, before[1])
                     continue
                 gone.append(before[1])
-            obstacles[name] = (obstacle, self._next_number + len(changed))
             changed.append(obstacle)
-        if len(obstacles) > len(scene.obstacles):
-            for name in known.keys() - scene.obstacles.keys():
-                gone.append(obstacles.pop(name)[1])
+        for name in known.keys() - scene.obstacles.keys():
+            gone.append(obstacles.pop(name)[1])
         return obstacles, changed, gone
 
     def _remember(
         self,
         construction: Construction,
         obstacles: dict[str, tuple[Obstacle, int]],
-        next_number: int,
+        unused: list[int],
         changes: int | None,
     ) -> None:
         """Takes a decomposition for the last one; `changes` is None if it was made from scratch."""
-        self._construction, self._obstacles, self._next_number = construction, obstacles, next_number
+        self._construction, self._obstacles, self._unused = construction, obstacles, unused
         if changes is None:
             self._changes, self._leaves = 0, construction.leaf_count
         else:

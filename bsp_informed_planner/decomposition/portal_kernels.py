@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from bsp_informed_planner.compiled import kernel
@@ -32,8 +34,9 @@ OUTSIDE = -1
 # Returned when a buffer is too small.
 OVERFLOW = -1
 # What there is among the cells below a node, as bits: cells that are new, cells of the former tree.
-FRESH, FORMER = 1, 2
-ANY = FRESH | FORMER
+FRESH: Any = np.int64(1)
+FORMER: Any = np.int64(2)
+ANY: Any = FRESH | FORMER
 
 
 @kernel

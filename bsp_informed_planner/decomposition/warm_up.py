@@ -15,7 +15,7 @@ from bsp_informed_planner.scene.shapes import Box
 
 
 def warm_up() -> None:
-    """Decomposes a workspace with a box that moves, searches a chain around it, and looks at it in every way there is."""
+    """Decomposes a box that moves in a cube, searches a chain around it, and looks at it in every way there is."""
     box = Box(np.array([0.2, 0.4, 1.0]))
     scene = Scene.of([Obstacle.of("box", box)], WorkspaceBounds(-np.ones(3), np.ones(3)))
     moved = apply(scene, SceneDiff.of(ObstacleOperation.move("box", Pose.from_xyz_rpy([0.0, 0.05, 0.0]))))
