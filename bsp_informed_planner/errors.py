@@ -334,6 +334,30 @@ class PlanningCancelledError(PlanningFailedError):
         super().__init__("planning was cancelled")
 
 
+class QueueFullError(BspPlannerError):
+    """More plans are asked for at once than may wait.
+
+    Attributes:
+        queue_size: how many may.
+    """
+
+    def __init__(self, queue_size: int) -> None:
+        self.queue_size = queue_size
+        super().__init__(f"the planner is busy and {queue_size} more plans wait already; ask again later")
+
+
+class NodeInactiveError(BspPlannerError):
+    """A lifecycle node is asked to work while it is not active.
+
+    Attributes:
+        node: its name.
+    """
+
+    def __init__(self, node: str) -> None:
+        self.node = node
+        super().__init__(f"{node} is not active")
+
+
 class TrajectoryTimingError(BspPlannerError):
     """No timing within the velocity and acceleration limits was found for a path."""
 

@@ -139,9 +139,15 @@ def test_nodes_stop_on_ctrl_c() -> None:
     command = [sys.executable, "-m", "bsp_informed_planner.cli.app", "nodes", "--robot", "point"]
     config = Path(__file__).parent.parent / "config" / "point.yaml"
     suite = subprocess.Popen(
-        [*command, "--params-file", str(config)], env=environment, stderr=subprocess.PIPE, text=True
+        [*command, "--params-file", str(config)],
+        env={**environment, "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
-    time.sleep(4.0)
+    assert suite.stdout is not None
+    assert suite.stdout.readline().startswith("started decomposition_node, inference_node, planner_node")
+    time.sleep(2.0)
     assert suite.poll() is None
     suite.send_signal(signal.SIGINT)
     _, errors = suite.communicate(timeout=20.0)

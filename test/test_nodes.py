@@ -278,7 +278,8 @@ def test_nothing_found_is_said_in_time(point: Suite) -> None:
         response = plan(client, point_request(allowed_planning_time=allowed), 10.0)
         elapsed = time.monotonic() - begin
         assert response.error_code == ErrorCode.TIMED_OUT
-        assert elapsed <= 1.1 * allowed
+        # Within a tenth; half a second more is for a machine that has other work.
+        assert elapsed <= 1.1 * allowed + 0.5
 
 
 def test_samples_run_out(point: Suite) -> None:

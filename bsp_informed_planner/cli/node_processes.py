@@ -116,7 +116,8 @@ class NodeProcesses:
         """Ask all to end; kill those that do not."""
         running = [process for process in self.processes.values() if process.poll() is None]
         for process in running:
-            process.send_signal(signal.SIGINT)
+            # ROS ends nicely on it; one that is still loading ends silently, which it would not on SIGINT.
+            process.send_signal(signal.SIGTERM)
         end = time.monotonic() + _GRACE_SECONDS
         for process in running:
             try:

@@ -41,6 +41,7 @@ def run_nodes(
     parameters = suite_parameters(robot, urdf, srdf, package_dirs, tool_frame)
     try:
         with NodeProcesses(parameters, namespace=namespace, params_file=params_file) as processes:
+            typer.echo(f"started {', '.join(processes.processes)}; Ctrl-C stops them")
             processes.wait()
     except KeyboardInterrupt:
         return 0

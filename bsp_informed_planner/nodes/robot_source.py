@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
 
-from bsp_informed_planner.errors import RobotError
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.robots.arm import load_arm
@@ -89,7 +88,7 @@ class RobotSource:
     def _on_description(self, message: String) -> None:
         try:
             robot = self._load(message.data)
-        except RobotError as error:
+        except Exception as error:  # noqa: BLE001 -- a message must not end the node
             self._on_error(f"robot_description: {error}")
             return
         self._on_robot(robot)

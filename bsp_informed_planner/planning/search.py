@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 
 #: A path this much longer than the straight line, relatively, cannot be improved on.
 OPTIMALITY_TOLERANCE = 1e-6
+#: Start and goal nearer than this in every joint are joined by an edge, whatever the planner [rad or m].
+SAME_STATE = 1e-6
 #: A path is worth verifying when it is this much shorter than the best verified one.
 WORTH_VERIFYING = 0.99
 #: Share of the time for improvement that goes into restarts; the rest goes into RRT*.
@@ -53,12 +55,13 @@ class Progress:
 def sampling_bounds(robot: Robot, start: FloatArray, goals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The box in which uniform samples are drawn: (lower, upper), each (n,).
 
-    The joint limits; but joints that can turn further than once are kept within half a turn beyond start and goals.
-    Every posture is still in the box, some of them in fewer of their windings.
+    The joint limits; but joints that can turn further than once are kept within half a turn beyond start and goals, or
+    further to one side where a limit cuts the other off. Every posture is still in the box, some in fewer windings.
     """
     states = np.vstack((start[None], goals))
-    lower = np.maximum(robot.lower, states.min(axis=0) - np.pi)
-    upper = np.minimum(robot.upper, states.max(axis=0) + np.pi)
+    low, high = states.min(axis=0) - np.pi, states.max(axis=0) + np.pi
+    lower = np.maximum(robot.lower, low - np.maximum(high - robot.upper, 0.0))
+    upper = np.minimum(robot.upper, high + np.maximum(robot.lower - low, 0.0))
     return np.where(robot.revolute, lower, robot.lower), np.where(robot.revolute, upper, robot.upper)
 
 
@@ -174,7 +177,8 @@ class Search:
             search = last
         if path is None:
             return None
-        self._record(path)
+        if not self.costs:
+            self._record(path)
         if self._options.planner_id == "anytime" and not self._options.first_solution:
             path = self._improved(path, search, space)
         return path
@@ -182,6 +186,10 @@ class Search:
     def _first(self, checker: CollisionChecker, space: SearchSpace, guidance: Guidance) -> FloatArray | None:
         """A first path at the search's resolution, shortened unless the planner is a plain one."""
         self.report("searching")
+        nearest = space.goals[int(np.argmin(np.linalg.norm(space.goals - space.start, axis=1)))]
+        if np.abs(nearest - space.start).max() < SAME_STATE:
+            self._found()
+            return np.array([space.start, nearest])
         if self._options.planner_id in ("rrt_star", "rrt"):
             return self._plain(checker, space)
         for goal in space.goals:
@@ -204,15 +212,21 @@ class Search:
         rewire = self._options.planner_id == "rrt_star"
         tree = space.rrt_star(checker, self.max_step, self.budget, rewire)
 
+        best: FloatArray | None = None
+
         def on_improvement(path: FloatArray, cost: float) -> None:
+            # Verified as they come: at the end there would be no time left for a repair.
+            nonlocal best
             self._found()
-            self.report("improving")
+            if not self.costs or cost <= WORTH_VERIFYING * self.costs[-1]:
+                checked = self._better(path, space.last)
+                best = best if checked is None else checked
 
         path = tree.solve(
             self._rng, stop_at_first=self._options.first_solution or not rewire, on_improvement=on_improvement
         )
         self.nodes += len(tree.tree)
-        return path
+        return path if best is None else best
 
     def _improved(self, path: FloatArray, checker: CollisionChecker, space: SearchSpace) -> FloatArray:
         """Restarts and RRT* from a verified path until the budget is spent; better paths are shortened and verified."""
@@ -269,7 +283,7 @@ class Search:
     def _better(self, path: FloatArray, last: CertifyingChecker) -> FloatArray | None:
         """The path verified, if it is still the best one then."""
         checked = self._verified(path, last)
-        if checked is None or path_length(checked) >= self.costs[-1]:
+        if checked is None or (self.costs and path_length(checked) >= self.costs[-1]):
             return None
         self._record(checked)
         self.report("improving")
