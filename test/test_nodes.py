@@ -237,7 +237,7 @@ BAD_REQUESTS: dict[str, tuple[Callable[[PlanRequest], None], ErrorCode, str]] = 
     "negative time": (
         lambda r: setattr(r, "allowed_planning_time", -1.0),
         ErrorCode.PLANNING_FAILED,
-        "allowed_seconds",
+        "allowed_planning_time",
     ),
     "too much time": (
         lambda r: setattr(r, "allowed_planning_time", 1e4),
@@ -247,7 +247,7 @@ BAD_REQUESTS: dict[str, tuple[Callable[[PlanRequest], None], ErrorCode, str]] = 
     "scaling": (
         lambda r: setattr(r, "max_velocity_scaling_factor", 2.0),
         ErrorCode.PLANNING_FAILED,
-        "velocity_scaling",
+        "max_velocity_scaling_factor",
     ),
 }
 

@@ -114,7 +114,7 @@ class DecompositionNode(PlannerSuiteNode):
             self.require_active()
             self._newest = self._next_scene(message)
         except Exception as error:  # noqa: BLE001 -- whatever a message holds, the node that owns the scene goes on
-            self._refuse(error)
+            self._refuse(error, message.header.stamp)
             return
         self._worker.submit((self._newest, message.header.stamp))
 
@@ -153,7 +153,7 @@ class DecompositionNode(PlannerSuiteNode):
             whole = scene_to_msg(scene)
             graph = graph_to_msg(decomposition, self._settings.publish_edges)
         except Exception as error:  # noqa: BLE001 -- the worker must go on
-            self._refuse(error)
+            self._refuse(error, stamp)
             return
         whole.header.stamp = graph.header.stamp = stamp
         self._scene = scene
@@ -161,7 +161,7 @@ class DecompositionNode(PlannerSuiteNode):
         # The graph first: whoever waits for the scene of a revision finds its graph there already.
         self._graph_publisher.publish(graph)
         self._scene_publisher.publish(whole)
-        self._publish_status(ErrorCode.SUCCESS, f"{len(scene.obstacles)} obstacles")
+        self._publish_status(ErrorCode.SUCCESS, f"{len(scene.obstacles)} obstacles", stamp)
         self.get_logger().info(
             f"scene {scene.revision}: {len(scene.obstacles)} obstacles, {decomposition.cell_count} free cells, "
             f"{decomposition.portal_count} portals, {decomposition.candidate_count} keypoint candidates in "
@@ -170,17 +170,17 @@ class DecompositionNode(PlannerSuiteNode):
         if self._settings.publish_markers:
             self._marker_publisher.publish(decomposition_markers(scene, decomposition, stamp))
 
-    def _refuse(self, error: Exception) -> None:
+    def _refuse(self, error: Exception, stamp: Time) -> None:
         self._refused += 1
         self.note_error(f"scene refused: {error}")
         if not isinstance(error, BspPlannerError):
             logger.error("while reading a scene", exc_info=error)
-        self._publish_status(error_code(error), str(error))
+        self._publish_status(error_code(error), str(error), stamp)
 
-    def _publish_status(self, code: ErrorCode, text: str) -> None:
+    def _publish_status(self, code: ErrorCode, text: str, stamp: Time) -> None:
         revision = 0 if self._scene is None else self._scene.revision
         status = SceneStatus(revision=revision, error_code=int(code), message=text)
-        status.header.stamp = self.get_clock().now().to_msg()
+        status.header.stamp = stamp
         status.header.frame_id = self._settings.frame_id
         self._status_publisher.publish(status)
 

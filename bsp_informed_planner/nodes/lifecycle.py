@@ -9,7 +9,9 @@ from contextlib import ExitStack
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from bsp_informed_planner.compile_kernels import ensure_compiled
@@ -94,6 +96,7 @@ class PlannerSuiteNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._is_serving = True
+        self.get_logger().info("active")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -161,7 +164,11 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         args: command line, by default that of the process.
     """
     started = True
-    rclpy.init(args=args)
+    try:
+        rclpy.init(args=args)
+    except rclpy_implementation.RCLError as error:
+        # E.g. a parameter file that cannot be read; the first line says it, the rest is a trace through C.
+        sys.exit(f"cannot start: {str(error).splitlines()[0]}")
     library = logging.getLogger("bsp_informed_planner")
     library.setLevel(logging.INFO)
     handler: RosLogHandler | None = None
@@ -177,6 +184,9 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
             executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except (rclpy_implementation.RCLError, ParameterException) as error:
+        started = False
+        sys.stderr.write(f"cannot start: {error}\n")
     finally:
         if handler is not None:
             library.removeHandler(handler)

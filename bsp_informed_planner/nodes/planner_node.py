@@ -76,6 +76,9 @@ class PlannerParameters(RobotParameters):
     use_inference: bool = parameter(True, "Ask the inference node for guidance; false: find keypoints here.")
     inference_timeout: float = parameter(1.0, "Longest wait for the inference node [s].", minimum=0.01, maximum=60.0)
     workers: int = parameter(2, "How many plans are worked on at once.", minimum=1, maximum=64)
+    joint_state_max_age: float = parameter(
+        1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0
+    )
     queue_size: int = parameter(16, "How many more may wait; one beyond is refused at once.", minimum=0, maximum=1000)
 
     def plan_options(self) -> PlanOptions:
@@ -106,7 +109,8 @@ class PlannerNode(PlannerSuiteNode):
     def setup(self) -> None:
         self._settings = declare(self, PlannerParameters)
         self._defaults = self._settings.plan_options()
-        self._joint_states: dict[str, float] = {}
+        # Position and time of arrival of each joint.
+        self._joint_states: dict[str, tuple[float, float]] = {}
         self._joint_lock = threading.Lock()
         self._plans = 0
         self._failures = 0
@@ -160,7 +164,14 @@ class PlannerNode(PlannerSuiteNode):
 
     def _on_joint_states(self, message: JointState) -> None:
         with self._joint_lock:
-            self._joint_states.update(zip(message.name, message.position, strict=False))
+            now = time.monotonic()
+            for name, position in zip(message.name, message.position, strict=False):
+                self._joint_states[name] = (position, now)
+
+    def _recent_joint_states(self) -> dict[str, float]:
+        oldest = time.monotonic() - (self._settings.joint_state_max_age or float("inf"))
+        with self._joint_lock:
+            return {name: position for name, (position, when) in self._joint_states.items() if when >= oldest}
 
     async def _on_plan(self, request: Plan.Request, response: Plan.Response) -> Plan.Response:
         response.response = await self._submit(request.request, lambda: False, None)
@@ -216,9 +227,7 @@ class PlannerNode(PlannerSuiteNode):
             if cancelled():
                 raise PlanningCancelledError
             world = self._world.current(int(request.scene_revision), SCENE_PATIENCE, cancelled)
-            with self._joint_lock:
-                joint_states = dict(self._joint_states)
-            problem = problem_from_msg(request, world.robot, joint_states)
+            problem = problem_from_msg(request, world.robot, self._recent_joint_states())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
             result = world.planner.solve(plan, self._guidance(world, plan, cancelled))

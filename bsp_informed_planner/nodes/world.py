@@ -143,7 +143,7 @@ class WorldTracker:
                     f"scene {scene.revision} holds no obstacle; set parameter `allow_empty_scene` to plan in it"
                 )
             if scene.frame != robot.root_frame:
-                raise UnknownFrameError(scene.frame, [robot.root_frame])
+                raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
             if self._world is not None:
                 return self._world
             decomposition: Decomposition | None = None

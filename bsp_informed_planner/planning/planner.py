@@ -134,7 +134,7 @@ class Planner:
         decomposition_options: DecompositionOptions | None = None,
     ) -> None:
         if scene.frame != robot.root_frame:
-            raise UnknownFrameError(scene.frame, [robot.root_frame])
+            raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
         if not robot.collision_model.ngeoms:
             raise RobotDescriptionError(f"robot '{robot.name}' has no collision geometry: nothing could be checked")
         if decomposition is not None:

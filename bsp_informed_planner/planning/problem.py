@@ -181,7 +181,7 @@ class PlanStatistics:
     candidates: int = 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlanResult:
     """A verified path.
 
@@ -206,3 +206,10 @@ class PlanResult:
     verification_resolution: float
     scene_revision: int
     statistics: PlanStatistics = field(default_factory=lambda: PlanStatistics(seed=0))
+
+    def __repr__(self) -> str:
+        proof = "certified" if self.certified else "checked"
+        return (
+            f"PlanResult({proof}, cost {self.cost:.3f}, {len(self.path)} waypoints, {self.trajectory.duration:.2f} s, "
+            f"sampler {self.guidance.sampler_id}, first path after {self.statistics.first_solution_seconds:.3f} s)"
+        )
