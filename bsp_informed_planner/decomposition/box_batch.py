@@ -83,7 +83,9 @@ class BoxBatch:
 
 def placed_boxes(scene: Scene) -> tuple[BoxBatch, list[Obstacle]]:
     """The boxes of all obstacles that consist of boxes and point clouds alone, and the other obstacles."""
-    sizes, poses, others = [], [], []
+    sizes: list[Floats] = []
+    poses: list[tuple[Floats, Floats, Floats, Floats]] = []
+    others = []
     for obstacle in scene.obstacles.values():
         if not all(isinstance(shape, (Box, PointCloud)) for shape, _ in obstacle.shapes):
             others.append(obstacle)

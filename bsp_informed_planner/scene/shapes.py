@@ -177,6 +177,11 @@ class PointCloud:
         """(m, 3) indices i of the voxels, sorted by x, y and z: the cubes from i to i + 1, times `resolution`."""
         return self._voxels_and_first[0]
 
+    @property
+    def voxel_centres(self) -> FloatArray:
+        """(m, 3) centres of the voxels [m], in the order of `voxels`."""
+        return (self.voxels.astype(np.float64) + 0.5) * self.resolution
+
     def thinned(self) -> PointCloud:
         """The same body of as few points as possible: the first in each voxel, in their order."""
         first = self._voxels_and_first[1]

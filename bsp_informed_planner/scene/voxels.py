@@ -22,7 +22,7 @@ def merged_boxes(cloud: PointCloud) -> tuple[FloatArray, FloatArray]:
     Returns:
         sizes (b, 3) and centres (b, 3) [m], in the frame of the cloud.
     """
-    lower, upper = _merged(cloud.voxels.tobytes())
+    lower, upper = (corner.astype(np.float64) for corner in _merged(cloud.voxels.tobytes()))
     return (upper - lower) * cloud.resolution, (upper + lower) * (0.5 * cloud.resolution)
 
 

@@ -112,7 +112,7 @@ def _obstacle(header: Header, index: int, shape: Shape, pose: Pose, bounds: Work
         x, y, z, w = pose.quaternion.tolist()
         marker.pose = PoseMsg(position=_points(pose.position)[0], orientation=QuaternionMsg(x=x, y=y, z=z, w=w))
         if isinstance(shape, PointCloud):
-            marker.points = _points((shape.voxels + 0.5) * shape.resolution)
+            marker.points = _points(shape.voxel_centres)
         return [marker]
     marker.points = _points(shape_triangles(shape, pose, bounds))
     return [marker] if marker.points else []
