@@ -104,7 +104,7 @@ def test_a_measured_wall(point: Suite) -> None:
     cloud = PointCloud(camera.inverse().apply(points), 0.01)
     measured = Scene.of([Obstacle.of("seen", cloud, camera)], scene.bounds)
     revision = client.publish_scene(measured)
-    response = plan(client, point_request(scene_revision=revision), 10.0)
+    response = plan(client, point_request(scene_revision=revision, allowed_planning_time=5.0), 15.0)
     assert response.error_code == ErrorCode.SUCCESS, response.message
     assert response.certified
     path = waypoints(response)

@@ -228,6 +228,20 @@ def test_polytopes_of_a_cloud_in_company() -> None:
     assert decompose(Scene.of([obstacle], BOUNDS)).cell_count > 10
 
 
+def test_sections_of_a_tilted_cloud() -> None:
+    """In 2D a cloud counts where the section cuts its voxels, however the cloud is turned."""
+    cloud, pose = random_cloud(), Pose.from_xyz_rpy([0.2, -0.1, 0.3], [0.4, -0.3, 1.0])
+    scene = Scene.of([Obstacle.of("cloud", cloud, pose)], BOUNDS)
+    points = np.random.default_rng(1).uniform(BOUNDS.lower, BOUNDS.upper, (3000, 3))
+    points[:, 2] = 0.2
+    free = decompose(scene, DecompositionOptions(dimension=2, section_height=0.2)).is_free(points)
+    inside = pose.inverse().apply(points) / cloud.resolution
+    depth = 0.5 - np.abs(inside[:, None] - cloud.voxels - 0.5).max(axis=2).min(axis=1)
+    assert not free[depth > 0.02].any()
+    assert free[depth < -0.1].all()
+    assert (depth > 0.02).sum() > 20
+
+
 def test_moving_a_cloud() -> None:
     cloud = random_cloud()
     scene = Scene.of([Obstacle.of("cloud", cloud)], BOUNDS)

@@ -67,7 +67,7 @@ class BoxBatch:
         ]
 
     def upright(self, height: float, bounds: WorkspaceBounds) -> tuple[BoxBatch, BoxBatch]:
-        """Prisms over the cross-sections of those boxes that stand upright, and the boxes that do not.
+        """Prisms over the cross-sections of those boxes that stand upright, and the others that may meet the section.
 
         Args:
             height: of the section [m].
@@ -78,7 +78,8 @@ class BoxBatch:
         prisms = self.selected(upright & met)
         prisms.positions[:, 2] = height
         prisms.sizes[:, 2] = 3.0 * (bounds.upper[2] - bounds.lower[2])
-        return prisms, self.selected(~upright)
+        reach = 0.5 * (np.abs(self.rotations[:, 2]) * self.sizes).sum(axis=1)
+        return prisms, self.selected(~upright & (np.abs(self.positions[:, 2] - height) <= reach))
 
 
 def placed_boxes(scene: Scene) -> tuple[BoxBatch, list[Obstacle]]:
