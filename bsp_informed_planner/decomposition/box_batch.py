@@ -10,7 +10,8 @@ from bsp_informed_planner.decomposition.array_types import Floats
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.scene.polytopes import ConvexPolytope, box_polytope
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box
+from bsp_informed_planner.scene.shapes import Box, PointCloud
+from bsp_informed_planner.scene.voxels import merged_boxes
 
 _UNIT_BOX = box_polytope((1.0, 1.0, 1.0))
 _UNIT_LOOPS = np.concatenate(_UNIT_BOX.faces)
@@ -66,7 +67,7 @@ class BoxBatch:
         ]
 
     def upright(self, height: float, bounds: WorkspaceBounds) -> tuple[BoxBatch, BoxBatch]:
-        """Prisms over the cross-sections of those boxes that stand upright, and the boxes that do not.
+        """Prisms over the cross-sections of those boxes that stand upright, and the others that may meet the section.
 
         Args:
             height: of the section [m].
@@ -77,19 +78,28 @@ class BoxBatch:
         prisms = self.selected(upright & met)
         prisms.positions[:, 2] = height
         prisms.sizes[:, 2] = 3.0 * (bounds.upper[2] - bounds.lower[2])
-        return prisms, self.selected(~upright)
+        reach = 0.5 * (np.abs(self.rotations[:, 2]) * self.sizes).sum(axis=1)
+        return prisms, self.selected(~upright & (np.abs(self.positions[:, 2] - height) <= reach))
 
 
 def placed_boxes(scene: Scene) -> tuple[BoxBatch, list[Obstacle]]:
-    """The boxes of all obstacles that consist of boxes alone, and the other obstacles."""
-    sizes, poses, others = [], [], []
+    """The boxes of all obstacles that consist of boxes and point clouds alone, and the other obstacles."""
+    sizes: list[Floats] = []
+    poses: list[tuple[Floats, Floats, Floats, Floats]] = []
+    others = []
     for obstacle in scene.obstacles.values():
-        if all(isinstance(shape, Box) for shape, _ in obstacle.shapes):
-            for shape, local in obstacle.shapes:
-                sizes.append(shape.size)  # type: ignore[union-attr]
-                poses.append((obstacle.pose.position, obstacle.pose.quaternion, local.position, local.quaternion))
-        else:
+        if not all(isinstance(shape, (Box, PointCloud)) for shape, _ in obstacle.shapes):
             others.append(obstacle)
+            continue
+        placed = obstacle.pose.position, obstacle.pose.quaternion
+        for shape, local in obstacle.shapes:
+            if isinstance(shape, PointCloud):
+                cloud_sizes, centres = merged_boxes(shape)
+                sizes.extend(cloud_sizes)
+                poses.extend((*placed, place, local.quaternion) for place in local.apply(centres))
+            else:
+                sizes.append(shape.size)  # type: ignore[union-attr]
+                poses.append((*placed, local.position, local.quaternion))
     if not sizes:
         return BoxBatch(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3))), others
     position, quaternion, local_position, local_quaternion = (np.array(column) for column in zip(*poses, strict=True))

@@ -124,7 +124,7 @@ class DecompositionNode(PlannerSuiteNode):
         if frame != self._settings.frame_id:
             raise UnknownFrameError(frame, [self._settings.frame_id])
         bounds = bounds_from_msg(message)
-        diff = replace(diff_from_msg(message), bounds=bounds)
+        diff = replace(diff_from_msg(message, frame), bounds=bounds)
         if self._newest is None and message.is_diff:
             raise SceneUnavailableError(
                 "a change arrived before any whole scene; publish one with is_diff = false first"
