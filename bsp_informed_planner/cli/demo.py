@@ -21,6 +21,7 @@ from bsp_informed_planner.cli.nodes import suite_parameters
 from bsp_informed_planner.cli.robots import RobotChoice, load_robot
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.nodes.client import SuiteClient, request_for
 from bsp_informed_planner.nodes.error_codes import ErrorCode
@@ -58,6 +59,9 @@ def run_demo(seed: int, robot_name: str, seconds: float, out: Path) -> int:
         console = Console(highlight=False, width=160)
     out.mkdir(parents=True, exist_ok=True)
     picture = out / f"demo-{robot_name}-{seed}.png"
+    with console.status("loading the kernels (after a change of them: compiling, about a minute) ..."):
+        # Once here, and not three times at once in the nodes.
+        ensure_compiled()
     choice = RobotChoice(robot_name)
     robot = load_robot(choice)
     problem = demo_problem(robot_name, robot, seed)

@@ -10,6 +10,7 @@ import typer
 
 from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses
 from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
+from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.robots.robot import Robot
 
 
@@ -27,6 +28,8 @@ def run_nodes(choice: RobotChoice, namespace: str, params_file: Path | None) -> 
     # Loaded here too: a description that cannot be used is better said at once than in the log of a node.
     robot = load_robot(choice)
     typer.echo(describe_robot(robot))
+    # Once here, and not three times at once in the nodes.
+    ensure_compiled()
     parameters = suite_parameters(choice, robot)
     # Whatever ends this process ends the nodes: SIGTERM too, and Ctrl-C where a shell has it ignored in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
