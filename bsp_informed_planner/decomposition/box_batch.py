@@ -11,7 +11,8 @@ from bsp_informed_planner.decomposition.box_kernels import box_facets, compose_p
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.scene.polytopes import ConvexPolytope, box_polytope
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box
+from bsp_informed_planner.scene.shapes import Box, PointCloud
+from bsp_informed_planner.scene.voxels import merged_boxes
 
 _UNIT_BOX = box_polytope((1.0, 1.0, 1.0))
 _UNIT_LOOPS = np.concatenate(_UNIT_BOX.faces)
@@ -55,7 +56,7 @@ class BoxBatch:
         ]
 
     def upright(self, height: float, bounds: WorkspaceBounds) -> tuple[BoxBatch, BoxBatch]:
-        """Prisms over the cross-sections of those boxes that stand upright, and the boxes that do not.
+        """Prisms over the cross-sections of those boxes that stand upright, and the others that may meet the section.
 
         Args:
             height: of the section [m].
@@ -66,20 +67,31 @@ class BoxBatch:
         prisms = self.selected(upright & met)
         prisms.positions[:, 2] = height
         prisms.sizes[:, 2] = 3.0 * (bounds.upper[2] - bounds.lower[2])
-        return prisms, self.selected(~upright)
+        reach = 0.5 * (np.abs(self.rotations[:, 2]) * self.sizes).sum(axis=1)
+        return prisms, self.selected(~upright & (np.abs(self.positions[:, 2] - height) <= reach))
 
 
 def placed_boxes(scene: Scene) -> tuple[BoxBatch, list[tuple[int, Obstacle]]]:
-    """The boxes of all obstacles that consist of boxes alone; positions in the scene and the other obstacles."""
-    sizes, poses, owners, others = [], [], [], []
+    """Boxes of obstacles that consist of boxes and point clouds alone; positions in the scene and other obstacles."""
+    sizes: list[Floats] = []
+    poses: list[tuple[Floats, Floats, Floats, Floats]] = []
+    owners: list[int] = []
+    others = []
     for number, obstacle in enumerate(scene.obstacles.values()):
-        if all(isinstance(shape, Box) for shape, _ in obstacle.shapes):
-            for shape, local in obstacle.shapes:
-                owners.append(number)
-                sizes.append(shape.size)  # type: ignore[union-attr]
-                poses.append((obstacle.pose.position, obstacle.pose.quaternion, local.position, local.quaternion))
-        else:
+        if not all(isinstance(shape, (Box, PointCloud)) for shape, _ in obstacle.shapes):
             others.append((number, obstacle))
+            continue
+        placed = obstacle.pose.position, obstacle.pose.quaternion
+        for shape, local in obstacle.shapes:
+            if isinstance(shape, PointCloud):
+                cloud_sizes, centres = merged_boxes(shape)
+                sizes.extend(cloud_sizes)
+                poses.extend((*placed, place, local.quaternion) for place in local.apply(centres))
+                owners.extend([number] * len(cloud_sizes))
+            else:
+                sizes.append(shape.size)  # type: ignore[union-attr]
+                poses.append((*placed, local.position, local.quaternion))
+                owners.append(number)
     if not sizes:
         return BoxBatch(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0, np.int64)), others
     positions, rotations = compose_poses(*(np.array(column) for column in zip(*poses, strict=True)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
+from bsp_informed_planner.decomposition.clipping_kernels import ZERO
 
 
 @kernel
@@ -230,11 +231,21 @@ def update_clearances(
     """
     gone_boxes = boxes_around(gone_vertices, gone_vertex_offsets)
     boxes = boxes_around(vertices, vertex_offsets)
+    # Around all of them: most points are far away.
+    everything = np.empty((1, 2, 3))
+    everything[0, 0], everything[0, 1] = np.inf, -np.inf
+    for some in (gone_boxes, boxes):
+        for body in range(some.shape[0]):
+            for k in range(3):
+                everything[0, 0, k] = min(everything[0, 0, k], some[body, 0, k])
+                everything[0, 1, k] = max(everything[0, 1, k], some[body, 1, k])
     stale = np.empty(points.shape[0], np.int64)
     count = 0
     for i in range(points.shape[0]):
         limit = distances[i] + same
         is_stale = np.isnan(limit)
+        if box_gap_square(everything, ZERO, points, i) >= limit * limit:
+            continue
         for body in range(gone_boxes.shape[0]):
             if is_stale or box_gap_square(gone_boxes, body, points, i) >= limit * limit:
                 continue

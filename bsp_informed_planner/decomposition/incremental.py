@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import fields, replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -38,10 +40,11 @@ class IncrementalDecomposer:
         self.limits = limits or UpdateOptions()
         self._construction: Construction | None = None
         self._bounds: WorkspaceBounds | None = None
-        # Obstacles by id, and their numbers as owners of facets. Numbers of what is gone are given again.
-        self._obstacles: dict[str, tuple[Obstacle, int]] = {}
+        # The obstacles, and their numbers as owners of facets. Numbers of what is gone are given again.
+        self._obstacles: Mapping[str, Obstacle] = {}
+        self._numbers: dict[str, int] = {}
         self._unused: list[int] = []
-        # Since everything was replaced last: changed obstacles; and the cells that there were then.
+        # Since everything was replaced last: changed polytopes; and the cells that there were then.
         self._changes = 0
         self._leaves = 0
 
@@ -69,72 +72,70 @@ class IncrementalDecomposer:
         bounds = decomposed_bounds(scene, self.options)
         former = self._construction
         if former is None or (scene.bounds is not self._bounds and scene.bounds != self._bounds):
-            obstacles = {name: (obstacle, k) for k, (name, obstacle) in enumerate(scene.obstacles.items())}
             facets, scene_seconds = read_facets(scene, self.options), time.perf_counter() - begin
             construction = construct(facets, bounds, self.options)
-            self._remember(construction, obstacles, [], None)
+            self._remember(construction, {name: number for number, name in enumerate(scene.obstacles)}, [], None)
         else:
-            obstacles, changed, gone_numbers = self._compared(scene)
+            changed, numbers, gone_numbers = self._compared(scene)
             if not changed and not gone_numbers:
                 construction = replace(
                     former, replaced_cells=0, partition_seconds=0.0, portal_seconds=0.0, graph_seconds=0.0
                 )
-                self._remember(construction, obstacles, self._unused, 0)
+                self._remember(construction, numbers, self._unused, 0)
+                self._obstacles = scene.obstacles
                 return decomposition_of(construction, scene, bounds, self.options, time.perf_counter() - begin)
             added = read_facets(Scene.of(changed, scene.bounds), self.options)
-            is_gone = np.zeros(len(self._obstacles) + len(self._unused), np.bool_)
+            is_gone = np.zeros(len(self._numbers) + len(self._unused), np.bool_)
             is_gone[gone_numbers] = True
             gone = is_gone[former.facets.owners]
-            numbers = gone_numbers + self._unused
-            numbers.extend(range(len(is_gone), len(is_gone) + len(changed) - len(numbers)))
-            for number, obstacle in zip(numbers, changed, strict=False):
-                obstacles[obstacle.id] = (obstacle, number)
-            added = FacetSet(*added.arrays, np.array(numbers, np.int64)[added.owners])
+            unused = gone_numbers + self._unused
+            unused.extend(range(len(is_gone), len(is_gone) + len(changed) - len(unused)))
+            numbers.update((obstacle.id, number) for obstacle, number in zip(changed, unused, strict=False))
+            added = FacetSet(*added.arrays, np.array(unused, np.int64)[added.owners])
+            unused = unused[len(changed) :]
             scene_seconds = time.perf_counter() - begin
 
-            count = max(len(changed), len(gone_numbers))
+            removed = int(np.count_nonzero(gone))
+            count, total = max(len(added), removed), len(former.facets) - removed + len(added)
             updated = None
-            if self._changes + count <= self.limits.changed_share * len(obstacles):
+            if self._changes + count <= self.limits.changed_share * total:
                 updated = update(former, gone, added, bounds, self.options, self.limits)
             if updated is None or updated.leaf_count > self.limits.growth * self._leaves:
                 scene_seconds = time.perf_counter() - begin
                 construction = construct(FacetSet.joined(former.facets.selected(~gone), added), bounds, self.options)
-                self._remember(construction, obstacles, numbers[len(changed) :], None)
+                self._remember(construction, numbers, unused, None)
             else:
                 construction = updated
-                self._remember(construction, obstacles, numbers[len(changed) :], count)
-        self._bounds = scene.bounds
+                self._remember(construction, numbers, unused, count)
+        self._bounds, self._obstacles = scene.bounds, scene.obstacles
         return decomposition_of(construction, scene, bounds, self.options, scene_seconds)
 
-    def _compared(self, scene: Scene) -> tuple[dict[str, tuple[Obstacle, int]], list[Obstacle], list[int]]:
-        """Obstacles that are left, with their numbers; those that are new or changed; numbers of what is gone."""
-        known = self._obstacles
-        obstacles = dict(known)
+    def _compared(self, scene: Scene) -> tuple[list[Obstacle], dict[str, int], list[int]]:
+        """Obstacles that are new or changed; the numbers of the others; numbers of what is gone."""
+        numbers = dict(self._numbers)
         changed: list[Obstacle] = []
         gone: list[int] = []
-        for name, obstacle in scene.obstacles.items():
-            before = known.get(name)
+        # Most are the same objects, which sets tell at once. The order of sets is nobody's business.
+        others: set[tuple[str, Obstacle]] = scene.obstacles.items() - self._obstacles.items()
+        for name, obstacle in sorted(others, key=itemgetter(0)):
+            before = self._obstacles.get(name)
             if before is not None:
-                if before[0] is obstacle:
+                if same_obstacle(before, obstacle):
                     continue
-                if same_obstacle(before[0], obstacle):
-                    obstacles[name] = (obstacle, before[1])
-                    continue
-                gone.append(before[1])
+                gone.append(numbers[name])
             changed.append(obstacle)
-        for name in known.keys() - scene.obstacles.keys():
-            gone.append(obstacles.pop(name)[1])
-        return obstacles, changed, gone
+        gone.extend(numbers.pop(name) for name in self._obstacles.keys() - scene.obstacles.keys())
+        return changed, numbers, gone
 
     def _remember(
         self,
         construction: Construction,
-        obstacles: dict[str, tuple[Obstacle, int]],
+        numbers: dict[str, int],
         unused: list[int],
         changes: int | None,
     ) -> None:
         """Takes a decomposition for the last one; `changes` is None if it was made from scratch."""
-        self._construction, self._obstacles, self._unused = construction, obstacles, unused
+        self._construction, self._numbers, self._unused = construction, numbers, unused
         if changes is None:
             self._changes, self._leaves = 0, construction.leaf_count
         else:

@@ -112,8 +112,8 @@ class UpdateOptions:
         replaced_share: if more of the cells are to be replaced, everything is.
         growth: everything is replaced once there are this many times as many cells as there were when everything was
             replaced last.
-        changed_share: everything is replaced once so many obstacles have changed since it was replaced last, relative
-            to their number. What is left of former obstacles makes no better partitions than that.
+        changed_share: everything is replaced once so many convex parts of obstacles have changed since it was replaced
+            last, relative to their number.
     """
 
     few_cells: int = 8
