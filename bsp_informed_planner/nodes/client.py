@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError
-from bsp_informed_planner.nodes.error_codes import ErrorCode
+from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import pose_to_msg, scene_to_msg
 from bsp_informed_planner.robots.robot import Robot
@@ -124,6 +124,9 @@ class SuiteClient:
     def plan(self, request: PlanRequest, seconds: float) -> PlanResponse:
         """Call `plan`.
 
+        A planner node that has just started may hear of a scene seconds after this client did. If the request names a
+        revision that the planner has not heard of, it is asked again within `seconds`.
+
         Args:
             request: what to plan.
             seconds: longest wait for the answer, beyond the time that planning itself may take [s].
@@ -131,6 +134,14 @@ class SuiteClient:
         Raises:
             SuiteUnavailableError: if no answer came.
         """
+        end = time.monotonic() + seconds
+        while True:
+            response = self._plan_once(request, max(end - time.monotonic(), 0.0))
+            behind = response.error_code in BEHIND and response.scene_revision < request.scene_revision
+            if not behind or time.monotonic() >= end:
+                return response
+
+    def _plan_once(self, request: PlanRequest, seconds: float) -> PlanResponse:
         future = self._plan.call_async(Plan.Request(request=request))
         if not self._spin_until(future.done, seconds + request.allowed_planning_time):
             self._plan.remove_pending_request(future)

@@ -37,6 +37,9 @@ class ErrorCode(IntEnum):
     NO_IK_SOLUTION = -31
 
 
+#: What a node answers that has not heard of a scene revision yet.
+BEHIND = (ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE, ErrorCode.COLLISION_CHECKING_UNAVAILABLE)
+
 _BY_STATE: dict[type[errors.ProblemError], tuple[ErrorCode, ErrorCode]] = {
     errors.InvalidStateError: (ErrorCode.START_STATE_INVALID, ErrorCode.GOAL_STATE_INVALID),
     errors.StateOutsideLimitsError: (

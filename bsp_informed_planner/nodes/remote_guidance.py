@@ -15,7 +15,7 @@ from rclpy.lifecycle import LifecycleNode
 
 from bsp_informed_planner.errors import PlanningCancelledError
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
-from bsp_informed_planner.nodes.error_codes import ErrorCode
+from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.sampling.keypoint_guide import SAMPLER_ID
@@ -25,8 +25,6 @@ from bsp_informed_planner.scene.pose import FloatArray
 BATCH = 256
 #: Pause before asking an inference node again that is behind with the scene [s].
 RETRY_SECONDS = 0.01
-
-_BEHIND = (ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE, ErrorCode.COLLISION_CHECKING_UNAVAILABLE)
 
 
 class InferenceUnavailableError(Exception):
@@ -106,7 +104,7 @@ class RemoteGuide:
         """Wait for an answer: in a worker thread, while the executor's threads go on."""
         while True:
             answer = self._call_once(client, request, end, cancelled)
-            if answer.error_code not in _BEHIND or time.monotonic() + RETRY_SECONDS >= end:
+            if answer.error_code not in BEHIND or time.monotonic() + RETRY_SECONDS >= end:
                 break
             # The scene reached this node first; it is on its way to the other.
             time.sleep(RETRY_SECONDS)
