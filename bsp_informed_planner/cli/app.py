@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from bsp_informed_planner.cli.benchmark import app as benchmark_app
+
 app = typer.Typer(
     name="bsp-planner",
     help="Plan collision-free, short paths for robot arms in cluttered spaces.",
@@ -17,6 +19,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(benchmark_app, name="benchmark")
 
 
 class DemoRobot(str, Enum):
