@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from bsp_informed_planner.scene.pose import FloatArray
@@ -45,12 +45,14 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
 
 
 def logarithmic(axes: Axes, x: bool = True, y: bool = True) -> None:
-    """Logarithmic axes with plain numbers at their ticks."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
-
+    """Logarithmic axes with plain numbers at their ticks; to be called when everything is drawn."""
     for axis, wanted, scale in ((axes.xaxis, x, axes.set_xscale), (axes.yaxis, y, axes.set_yscale)):
         if wanted:
             scale("log")
+            low, high = axis.get_view_interval()
+            if high < 50.0 * low:
+                # Powers of ten alone would leave an axis with one number, or none.
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
             axis.set_minor_formatter(NullFormatter())
 
@@ -86,6 +88,15 @@ def stacked_bars(axes: Axes, names: Sequence[str], heights: Sequence[Sequence[fl
     axes.set_xticks(np.arange(len(names)), names, fontsize=9)
 
 
-def legend(axes: Axes, place: Literal["best", "lower right", "upper right"] = "best") -> None:
+def legend(axes: Axes) -> None:
+    """What lines mean, where there is room."""
     handles, _ = axes.get_legend_handles_labels()
-    axes.legend(loc=place, fontsize=8.5, frameon=False, labelcolor=TEXT, ncols=math.ceil(len(handles) / 6))
+    axes.legend(loc="best", fontsize=8.5, frameon=False, labelcolor=TEXT, ncols=math.ceil(len(handles) / 6))
+
+
+def legend_below(figure: Figure, axes: Axes) -> None:
+    """What colours mean in all panels, in a row below them."""
+    handles, names = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, names, loc="outside lower center", fontsize=9, frameon=False, labelcolor=TEXT, ncols=len(names)
+    )

@@ -25,6 +25,15 @@ def describe_machine() -> dict[str, str]:
     }
 
 
+def describe_load() -> str:
+    """How busy the machine is: times are worth less where others use it."""
+    try:
+        minute = os.getloadavg()[0]
+    except (AttributeError, OSError):
+        return "unknown"
+    return f"{minute:.1f} processes on average when the last run began"
+
+
 def source_hash(folders: tuple[str, ...]) -> str:
     """Hash of the Python sources in some folders of the package."""
     digest = hashlib.sha256(sys.version.encode())

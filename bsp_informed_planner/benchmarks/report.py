@@ -28,6 +28,7 @@ class RequiredNumber:
         limit: what is required; no matter if it is reported.
         unit: of both, e.g. "ms" or "%"; may be empty.
         remark: added to the measured value, e.g. of how many cases it is.
+        digits: significant ones of the measured value.
     """
 
     name: str
@@ -36,6 +37,7 @@ class RequiredNumber:
     limit: float = math.nan
     unit: str = ""
     remark: str = ""
+    digits: int = 3
 
     @property
     def value(self) -> float:
@@ -50,7 +52,11 @@ class RequiredNumber:
 
     @property
     def measured_text(self) -> str:
-        text = self.measured.text() if isinstance(self.measured, Estimate) else number(self.measured)
+        text = (
+            self.measured.text(self.digits)
+            if isinstance(self.measured, Estimate)
+            else number(self.measured, self.digits)
+        )
         return " ".join(filter(None, (text, self.unit, self.remark)))
 
     @property
@@ -109,6 +115,7 @@ class Report:
         title, introduction: for people.
         command: that makes it.
         machine: what it was measured on.
+        load: what else it did meanwhile.
         sections: one for each part.
         state: a sentence if cases are missing; else empty.
     """
@@ -117,6 +124,7 @@ class Report:
     introduction: str
     command: str
     machine: dict[str, str]
+    load: str = ""
     sections: list[Section] = field(default_factory=list)
     state: str = ""
 
@@ -130,7 +138,8 @@ class Report:
             ["number", "measured", "required", ""],
             [[n.name, n.measured_text, n.required_text, n.verdict] for n in self.numbers],
         )
-        machine = markdown_table(["", ""], list(self.machine.items()))
+        facts = self.machine | ({"load": self.load} if self.load else {})
+        machine = markdown_table(["", ""], list(facts.items()))
         parts = [f"# {self.title}", self.introduction]
         if self.state:
             parts.append(f"**{self.state}**")

@@ -27,7 +27,7 @@ from bsp_informed_planner.benchmarks.benchmark import (
     Row,
     generator,
 )
-from bsp_informed_planner.benchmarks.machine import describe_machine, source_hash
+from bsp_informed_planner.benchmarks.machine import describe_load, describe_machine, source_hash
 from bsp_informed_planner.benchmarks.report import Report, Section
 from bsp_informed_planner.benchmarks.row_file import RowFile
 from bsp_informed_planner.benchmarks.statistics import Estimate
@@ -66,10 +66,11 @@ def run_benchmark(benchmark: Benchmark, arguments: BenchmarkArguments, console: 
         "sources": source_hash(benchmark.sources),
     }
     rows = RowFile(arguments.out / f"rows-{size}-seed{arguments.seed}.jsonl", header)
+    load = describe_load()
     try:
         interrupted = _measure(benchmark, arguments, rows)
         command = f"bsp-planner benchmark {benchmark.name} --{size} --seed {arguments.seed}"
-        report = Report(benchmark.title, benchmark.introduction, command, machine)
+        report = Report(benchmark.title, benchmark.introduction, command, machine, load)
         missing = _summarise(benchmark, arguments.seed, rows, report)
         if missing:
             report.state = f"Incomplete: {missing} cases are missing. The same command continues where this run ended."
@@ -105,7 +106,7 @@ def _measure(benchmark: Benchmark, arguments: BenchmarkArguments, rows: RowFile)
                     continue
                 done = rows.rows(part.name)
                 waiting = [index for index in range(len(part.cases)) if index not in done]
-                task = progress.add_task(part.title, total=len(part.cases), completed=len(done))
+                task = progress.add_task(part.name, total=len(part.cases), completed=len(done))
 
                 def store(index: int, row: Row, part: Part = part, task: Any = task) -> None:
                     rows.add(part.name, index, row)

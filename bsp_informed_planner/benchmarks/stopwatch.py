@@ -26,12 +26,14 @@ class Times:
 
     Attributes:
         wall: median wall-clock time.
+        fastest: least wall-clock time, which is disturbed least.
         processor: median time of the process on processors. More than `wall` means several threads; much less means
             that others had the machine.
         repeats: number of calls.
     """
 
     wall: float
+    fastest: float
     processor: float
     repeats: int
 
@@ -62,7 +64,7 @@ def time_calls(
             function(argument)
             wall.append(time.perf_counter() - begin)
             processor.append(time.process_time() - begin_processor)
-    return Times(float(np.median(wall)), float(np.median(processor)), len(wall))
+    return Times(float(np.median(wall)), min(wall), float(np.median(processor)), len(wall))
 
 
 def timed(function: Callable[[Argument], Result], argument: Argument) -> tuple[float, Result]:

@@ -159,8 +159,8 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         "The baseline: cells of an octree (in mazes a quadtree) are split until they are free, inside an obstacle, or "
         "of the smallest size; keypoints at the centres of the faces of free cells; the same compiled A*. Equal "
         "quality means the coarsest smallest size at which as many problems are solved and chains are at most "
-        f"{100.0 * EQUAL_LENGTH - 100.0:g} % longer than the BSP's in the median. Lengths are compared without clearance "
-        "costs."
+        f"{100.0 * EQUAL_LENGTH - 100.0:g} % longer than the BSP's in the median. Lengths are compared without "
+        "clearance costs."
     )
     pictures = []
     for kind in DEPTHS:
@@ -175,19 +175,16 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         equal = _equal(depths, solved)
         finest = depths[-1]
         chosen = equal or finest
-        remark = (
-            ""
-            if equal
-            else f"(not reached: chains of the finest, {1e3 * finest.edge:.3g} mm, are {finest.length_ratio:.3f} times as long)"
-        )
+        cells = number(float(np.median(chosen.cell_ratios)))
+        remark = f"(smallest cells {1e3 * chosen.edge:.3g} mm, {cells} times the cells)"
+        if equal is None:
+            remark = f"(not reached: chains of the finest are {finest.length_ratio:.3f} times as long)"
         section.require(
             RequiredNumber(
                 f"octree of equal keypoint quality in {kind}, time relative to the BSP",
                 median(chosen.time_ratios, rng),
                 "reported",
-                remark=remark
-                or f"(smallest cells {1e3 * chosen.edge:.3g} mm, {number(float(np.median(chosen.cell_ratios)))} "
-                "times the cells)",
+                remark=remark,
             )
         )
         if kind == "shelves":
@@ -196,7 +193,8 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
                 f"A keypoint lies in the opening of the goal's level (within {1e3 * IN_OPENING:g} mm) in "
                 f"{100.0 * share(hits, len(own)).value:.0f} % of the BSP's chains, without clearance costs too."
             )
-    section.picture("octree", _figure(pictures), "Chain length against time for octrees of several depths")
+    caption = "Chain length against time for octrees of several smallest cells; below each the problems solved"
+    section.picture("octree", _figure(pictures), caption)
 
 
 def _table(kind: str, rows: Sequence[Row], depths: Sequence[_Depth], section: Section) -> None:
@@ -248,19 +246,15 @@ def _figure(pictures: Sequence[tuple[str, Sequence[Row], Sequence[_Depth]]]) -> 
             label="octree",
         )
         for found in shown:
-            text = f"{1e3 * found.edge:.3g} mm\n{found.solved} of {len(rows)}"
+            text = f"{1e3 * found.edge:.3g} mm\n{found.solved}/{len(rows)}"
             at = (float(np.median(found.milliseconds)), found.length_ratio)
             axes.annotate(text, at, textcoords="offset points", xytext=(6, 6), fontsize=8, color="#5f6875")
         time = 1e3 * float(np.median(column(rows, "bsp_time")))
         axes.plot([time], [1.0], "D", color=COLOURS[0], markersize=8, label="BSP")
         limit_line(axes, 1.0, "length of the BSP's chains")
+        axes.margins(x=0.2, y=0.15)
+        axes.set_xscale("log")
         logarithmic(axes, y=False)
-        axes.margins(x=0.15, y=0.15)
-        label(
-            axes,
-            "time from scene to chain [ms]",
-            "chain length relative to the BSP's",
-            f"{kind} (solved below the size)",
-        )
+        label(axes, "time from scene to chain [ms]", "chain length relative to the BSP's", kind)
         legend(axes)
     return figure

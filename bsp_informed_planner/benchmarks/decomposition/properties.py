@@ -162,9 +162,9 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         "Random scenes, the families in turn: up to 15 boxes (tilted or upright, overlapping, sticking out), all kinds "
         "of shapes, shelves, sections of boxes at random heights, mazes. Cells: convex, disjoint, filling the "
         f"workspace. Flags: about {2 * POINTS} points a scene, half of them in obstacles or at their surfaces. Edges: "
-        f"{EDGES} random ones a scene, clipped exactly by the planes of all obstacles; {EDGES_FOR_COAL} of them also by coal's "
-        "signed distance to the obstacles' own shapes. Facets may move by 0.1 mm inwards and 1 mm outwards; only what "
-        "exceeds that counts."
+        f"{EDGES} random ones a scene, clipped exactly by the planes of all obstacles; {EDGES_FOR_COAL} of them also "
+        "by coal's signed distance to the obstacles' own shapes. Facets may move by 0.1 mm inwards and 1 mm outwards; "
+        "only what exceeds that counts."
     )
     table = []
     for family in FAMILIES:
@@ -216,6 +216,7 @@ def _summarise_mazes(rows: Sequence[Row], section: Section, rng: np.random.Gener
             MAZE_LIMIT,
             "",
             f"of {len(rows):,}",
+            digits=4,
         )
     )
     figure, (axes,) = new_figure("Chains in mazes, three candidates a portal, not merged", width=6.5)
