@@ -64,6 +64,10 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     family = str(parameters["family"])
     scene = shelving(rng, BOXES, 3) if family == "shelving" else clutter(rng, BOXES, 3)
     update = _incremental()
+    # The first moves do not count: kernels may have to be loaded.
+    for _ in range(3):
+        update(scene)
+        scene = _moved(rng, family, scene)
     update(scene)
     updates, rebuilds, differing = [], [], 0
     for _ in range(MOVES):
@@ -97,17 +101,12 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         own = [row for row in rows if row["family"] == family]
         if own:
             update, rebuild = (median(1e3 * column(own, name), rng) for name in ("update", "rebuild"))
+            ratio = median(column(own, "ratio"), rng)
+            name = f"moving one box of {BOXES} in {family}, time relative to a rebuild"
+            section.require(RequiredNumber(name, ratio, "at most", round(LIMIT, 4)))
             differing = column(own, "differing_points").sum() / column(own, "points").sum()
-            table.append(
-                [family, len(own), update, rebuild, median(column(own, "ratio"), rng), f"{100.0 * differing:.4f} %"]
-            )
+            table.append([family, len(own), update, rebuild, ratio, f"{100.0 * differing:.4f} %"])
     section.table(["scenes", "cases", "update [ms]", "rebuild [ms]", "ratio", "points that differ"], table)
-    section.require(
-        RequiredNumber(
-            f"moving one box of {BOXES}, time relative to a rebuild", median(column(rows, "ratio"), rng), "at most",
-            round(LIMIT, 4),
-        )
-    )  # fmt: skip
     figure, (axes,) = new_figure(f"Moving one box of {BOXES}", width=6.0)
     for family, colour in zip(FAMILIES, COLOURS, strict=False):
         own = [row for row in rows if row["family"] == family]

@@ -38,10 +38,10 @@ def point_outside(rng: np.random.Generator, shelf: ShelfScene) -> FloatArray:
 def clutter(rng: np.random.Generator, boxes: int, dimension: int) -> Scene:
     """Turned boxes at random places of the cube [-1, 1]^3, some of which overlap.
 
-    In 3D they are turned at random and about 10 % of the cube is theirs; in the plane they stand upright through z = 0
-    and have about a quarter of it. That they become smaller as they become more keeps scenes alike.
+    In 3D they are turned at random and have about 7 % of the cube; in the plane they stand upright through z = 0 and
+    have about a quarter of it. That they become smaller as they become more keeps scenes alike.
     """
-    size = 0.5 * (20.0 / boxes) ** (1.0 / 3.0) if dimension == 3 else (10.0 / boxes) ** 0.5
+    size = 0.5 * (20.0 / boxes) ** (1.0 / 3.0) if dimension == 3 else (3.0 / boxes) ** 0.5
     obstacles = []
     for index in range(boxes):
         edges = rng.uniform(0.2, 1.0, 3) * min(size, 1.0)
