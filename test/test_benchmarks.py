@@ -92,7 +92,7 @@ def test_lines_of_required_numbers() -> None:
     assert time.line() == "shelf: 0.500 [0.400, 0.600] ms (at most 1 ms) holds"
     assert replace(time, limit=0.3).line() == "shelf: 0.500 [0.400, 0.600] ms (at most 0.3 ms) falls short"
     assert RequiredNumber("hits", 2.0, "exactly", 0.0, "", "in 5 scenes").line() == (
-        "hits: 2.00 in 5 scenes (0) falls short"
+        "hits: 2 in 5 scenes (0) falls short"
     )
     assert RequiredNumber("share", 96.0, "at least", 95.0, "%").holds
     assert not RequiredNumber("share", float("nan"), "at least", 95.0, "%").holds

@@ -147,7 +147,7 @@ def test_flags_and_portals_that_are_wrong_are_counted() -> None:
 def test_cells_that_are_wrong_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     good = decompose(boxes_scene(rng, 4, size=0.9))
-    assert checks.check_cells(good, rng) == checks.CellCounts(0, 0, 0)
+    assert checks.check_cells(good, rng) == checks.CellCounts(0, 0, 0, 0)
     right = Decomposition.cell_polytope
 
     def stretched(self: Decomposition, cell: int, planes_too: bool) -> ConvexPolytope | None:
@@ -306,3 +306,25 @@ def test_explicit_graph_joins_start_and_goal_in_one_cell() -> None:
     graph = search.explicit_graph(decomposition, np.zeros(3), np.array([0.5, 0.0, 0.0]), 0.5)
     assert graph.shape == (2, 2)
     assert graph[0, 1] == graph[1, 0] == 0.5
+
+
+def test_cells_too_thin_for_a_polytope_have_none() -> None:
+    """Found by the benchmark: a free sliver whose polytope had two faces, and so contained half of space."""
+    rng = generator(0, "properties", 7626)
+    decomposition = decompose(random_shapes(rng))
+    polytopes = [decomposition.cell_polytope(cell) for cell in decomposition.leaves.tolist()]
+    assert None in polytopes
+    assert all(len(polytope.planes) >= 4 for polytope in polytopes if polytope is not None)
+
+
+def test_edges_that_touch_are_not_in_collision() -> None:
+    """Found by the benchmark: coal returns the lowest number there is for this touching edge."""
+    rng = generator(0, "properties", 5231)
+    scene = random_shapes(rng)
+    edge = np.array(
+        [
+            [-0.3535936125591161, 0.3243474578289247, -0.21481832807422982],
+            [0.1417867843423677, 0.02150588993052779, -0.20895267510557558],
+        ]
+    )
+    assert abs(checks.EdgeJudge(scene).depth(edge[0], edge[1])) < 1e-4

@@ -52,6 +52,8 @@ class RequiredNumber:
 
     @property
     def measured_text(self) -> str:
+        if self.comparison == "exactly" and self.value == round(self.value):
+            return " ".join(filter(None, (f"{self.value:,.0f}", self.unit, self.remark)))
         text = (
             self.measured.text(self.digits)
             if isinstance(self.measured, Estimate)

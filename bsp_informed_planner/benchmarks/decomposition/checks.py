@@ -22,8 +22,10 @@ VOLUME = 1e-5
 INWARDS, OUTWARDS = 1.05e-4, 1.01e-3
 # Where two moved facets meet at a sharp edge, or at the tip of a cone, the edge moves further.
 DEPTH = 1e-3
-# Radius of the capsules that stand for edges [m].
-THIN = 1e-6
+# Radius of the capsules that stand for edges, and how far they are moved aside where coal fails [m].
+THIN, ASIDE = 1e-6, 1e-5
+# No distance is below this, negative [m].
+FAILED = 1e6
 
 
 @dataclass(frozen=True)
@@ -31,25 +33,27 @@ class CellCounts:
     """Violations among cells.
 
     Attributes:
-        not_convex: cells with a corner beyond one of their planes, with negative volume, or free and without interior.
+        not_convex: cells with a corner beyond one of their planes, or with negative volume.
         overlapping: cells one of whose inner points belongs to another cell.
         not_filling: 1 if the volumes of all cells do not add up to the workspace.
+        slivers: free cells that are too thin to have a polytope (about 1 um); no violation.
     """
 
     not_convex: int
     overlapping: int
     not_filling: int
+    slivers: int
 
 
 def check_cells(decomposition: Decomposition, rng: np.random.Generator) -> CellCounts:
     """Convex, disjoint, and filling the workspace."""
-    not_convex, total = 0, 0.0
+    not_convex, slivers, total = 0, 0, 0.0
     owners, points = [], []
     polytopes = []
     for cell in decomposition.leaves.tolist():
         polytope = decomposition.cell_polytope(cell)
         if polytope is None:
-            not_convex += not decomposition.node_solid[cell]
+            slivers += not decomposition.node_solid[cell]
             continue
         volume = polytope.volume
         total += volume
@@ -67,7 +71,7 @@ def check_cells(decomposition: Decomposition, rng: np.random.Generator) -> CellC
     somewhere = rng.uniform(decomposition.bounds.lower, decomposition.bounds.upper, (30, 3))
     holders = sum(polytope.contains(somewhere, -ROUNDING).astype(int) for polytope in polytopes)
     overlapping = len(misplaced) + int((np.asarray(holders) > 1).sum())
-    return CellCounts(not_convex, overlapping, int(abs(total / float(np.prod(size)) - 1.0) > VOLUME))
+    return CellCounts(not_convex, overlapping, int(abs(total / float(np.prod(size)) - 1.0) > VOLUME), slivers)
 
 
 def bodies_of(scene: Scene) -> list[ConvexPolytope]:
@@ -116,7 +120,10 @@ def check_flags(
 
 
 def check_portals(decomposition: Decomposition) -> int:
-    """Portals that do not join two different free cells, or are not on the border of both."""
+    """Portals that do not join two different free cells, or are not on the border of both.
+
+    Of a cell that is too thin to have a polytope the border is not known.
+    """
     found: dict[int, ConvexPolytope | None] = {}
     for cell in np.unique(decomposition.portal_cells).tolist():
         found[cell] = decomposition.cell_polytope(cell)
@@ -127,8 +134,8 @@ def check_portals(decomposition: Decomposition) -> int:
         good = first != second and len(corners) >= 3
         for cell in (first, second):
             polytope = found[cell]
-            good &= not decomposition.node_solid[cell] and polytope is not None
-            good &= polytope is not None and bool((np.abs(polytope.distance(corners)) <= ON_BORDER).all())
+            good &= not decomposition.node_solid[cell]
+            good &= polytope is None or bool((np.abs(polytope.distance(corners)) <= ON_BORDER).all())
         wrong += not good
     return wrong
 
@@ -176,18 +183,28 @@ class EdgeJudge:
         self._request = coal.DistanceRequest()
 
     def depth(self, start: FloatArray, end: FloatArray) -> float:
-        """How deep the segment between two points (3,) lies in an obstacle [m]; negative outside, -inf without any."""
+        """How deep the segment between two points (3,) lies in an obstacle [m]; negative outside, -inf without any,
+        inf if coal finds no distance."""
         along = end - start
         length = float(np.linalg.norm(along))
         axis = along / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
         side = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
         side /= np.linalg.norm(side)
-        pose = coal.Transform3s(np.column_stack((side, np.cross(axis, side), axis)), 0.5 * (start + end))
+        rotation, middle = np.column_stack((side, np.cross(axis, side), axis)), 0.5 * (start + end)
         capsule = coal.Capsule(THIN, length)
         deepest = -np.inf
         for geometry, placement in self._obstacles:
-            distance = coal.distance(geometry, placement, capsule, pose, self._request, coal.DistanceResult())
-            deepest = max(deepest, -float(distance))
+            for aside in (0.0, ASIDE, -ASIDE, 2.0 * ASIDE):
+                pose = coal.Transform3s(rotation, middle + aside * side)
+                distance = float(
+                    coal.distance(geometry, placement, capsule, pose, self._request, coal.DistanceResult())
+                )
+                # Where bodies just touch, coal's penetration algorithm may fail and return the lowest number there is.
+                if distance > -FAILED:
+                    deepest = max(deepest, -distance)
+                    break
+            else:
+                deepest = np.inf
         return deepest
 
     def colliding(self, edges: FloatArray) -> int:

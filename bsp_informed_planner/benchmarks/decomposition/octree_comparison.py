@@ -28,6 +28,8 @@ from bsp_informed_planner.scene.shelf import LEVELS, ShelfLevel, ShelfScene, sam
 DEPTHS = {"mazes": (4, 5, 6, 7, 8, 9), "shelves": (4, 5, 6, 7, 8)}
 # Chains of equal quality are at most so much as long as the BSP's, in the median.
 EQUAL_LENGTH = 1.02
+# Where octrees do not get there, one is taken whose chains are this share of the BSP's longer than the finest one's.
+NEARLY = 0.01
 # A keypoint so close to the plane of an opening lies in it [m].
 IN_OPENING = 1e-3
 
@@ -153,14 +155,23 @@ def _equal(depths: Sequence[_Depth], solved_by_bsp: int) -> _Depth | None:
     return None
 
 
+def _nearly_best(depths: Sequence[_Depth]) -> _Depth:
+    """The coarsest octree than which the finest is not noticeably better: for where no octree is of equal quality."""
+    finest = depths[-1]
+    for found in depths:
+        if found.length_ratio <= finest.length_ratio + NEARLY and found.solved >= finest.solved:
+            return found
+    return finest
+
+
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
     """Tables, a picture, and how much longer an octree takes."""
     section.text(
         "The baseline: cells of an octree (in mazes a quadtree) are split until they are free, inside an obstacle, or "
         "of the smallest size; keypoints at the centres of the faces of free cells; the same compiled A*. Equal "
         "quality means the coarsest smallest size at which as many problems are solved and chains are at most "
-        f"{100.0 * EQUAL_LENGTH - 100.0:g} % longer than the BSP's in the median. Lengths are compared without "
-        "clearance costs."
+        f"{100.0 * EQUAL_LENGTH - 100.0:g} % longer than the BSP's in the median. Where no octree gets there, the "
+        "coarsest is taken that is about as good as the finest. Lengths are compared without clearance costs."
     )
     pictures = []
     for kind in DEPTHS:
@@ -173,18 +184,17 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         _table(kind, own, depths, section)
         pictures.append((kind, own, depths))
         equal = _equal(depths, solved)
-        finest = depths[-1]
-        chosen = equal or finest
+        chosen = equal or _nearly_best(depths)
         cells = number(float(np.median(chosen.cell_ratios)))
-        remark = f"(smallest cells {1e3 * chosen.edge:.3g} mm, {cells} times the cells)"
+        remark = f"smallest cells {1e3 * chosen.edge:.3g} mm, {cells} times the cells"
         if equal is None:
-            remark = f"(not reached: chains of the finest are {finest.length_ratio:.3f} times as long)"
+            remark = f"not reached: chains {chosen.length_ratio:.3f} times as long; {remark}"
         section.require(
             RequiredNumber(
                 f"octree of equal keypoint quality in {kind}, time relative to the BSP",
                 median(chosen.time_ratios, rng),
                 "reported",
-                remark=remark,
+                remark=f"({remark})",
             )
         )
         if kind == "shelves":

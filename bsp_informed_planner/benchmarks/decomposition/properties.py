@@ -98,6 +98,7 @@ def _violations(scene: Scene, decomposition: Decomposition, rng: np.random.Gener
         "leaves": len(decomposition.leaves),
         "portals": decomposition.portal_count,
         "edges": decomposition.edge_count,
+        "slivers": cells.slivers,
         "points": len(points),
         "edges_checked": len(edges),
         "not_convex": cells.not_convex,
@@ -180,6 +181,11 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         section.require(RequiredNumber(text, float(found), "exactly", 0.0, "", f"in {len(rows):,} scenes"))
         counts.append([text, found])
     section.table(["violation", "count"], counts)
+    slivers = int(column(good, "slivers").sum())
+    section.text(
+        f"No violations, but of interest: {slivers:,} free cells, of {int(column(good, 'leaves').sum()):,} cells in "
+        "all, are thinner than about 1 um."
+    )
     bound = 100.0 * upper_bound_of_none(len(rows))
     section.text(
         f"No violation in {len(rows):,} scenes rules out (95 %) that more than {bound:.2g} % of such scenes have one."
