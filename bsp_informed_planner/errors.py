@@ -109,13 +109,15 @@ class UnknownFrameError(BspPlannerError):
     Attributes:
         frame: the name that was given.
         known: names that would have been understood.
+
+    The argument `of` says whose frame it is.
     """
 
-    def __init__(self, frame: str, known: Sequence[str]) -> None:
+    def __init__(self, frame: str, known: Sequence[str], of: str = "") -> None:
         self.frame = frame
         self.known = tuple(known)
         listed = ", ".join(self.known[:12]) + (", ..." if len(self.known) > 12 else "")
-        super().__init__(f"unknown frame '{frame}' (known: {listed})")
+        super().__init__(f"{of + ': ' if of else ''}unknown frame '{frame}' (known: {listed})")
 
 
 # --- robot ---------------------------------------------------------------------------------------------------------
@@ -141,7 +143,8 @@ class UnsupportedJointError(RobotError):
         self.joint = joint
         self.kind = kind
         super().__init__(
-            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints are supported"
+            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can "
+            "move; hold others still (--lock NAME=VALUE, parameter locked_joints)"
         )
 
 
@@ -247,7 +250,9 @@ class StateUnavailableError(BspPlannerError):
 
     def __init__(self, joints: Sequence[str]) -> None:
         self.joints = tuple(joints)
-        super().__init__(f"start: no position of joint(s) {', '.join(self.joints)} in the request or on joint_states")
+        super().__init__(
+            f"start: no position of joint(s) {', '.join(self.joints)} in the request, nor a recent one on joint_states"
+        )
 
 
 class InvalidOptionError(BspPlannerError):
@@ -332,6 +337,30 @@ class PlanningCancelledError(PlanningFailedError):
 
     def __init__(self) -> None:
         super().__init__("planning was cancelled")
+
+
+class QueueFullError(BspPlannerError):
+    """More plans are asked for at once than may wait.
+
+    Attributes:
+        queue_size: how many may.
+    """
+
+    def __init__(self, queue_size: int) -> None:
+        self.queue_size = queue_size
+        super().__init__(f"the planner is busy and {queue_size} more plans wait already; ask again later")
+
+
+class NodeInactiveError(BspPlannerError):
+    """A lifecycle node is asked to work while it is not active.
+
+    Attributes:
+        node: its name.
+    """
+
+    def __init__(self, node: str) -> None:
+        self.node = node
+        super().__init__(f"{node} is not active")
 
 
 class TrajectoryTimingError(BspPlannerError):

@@ -67,6 +67,9 @@ class Suite:
             defaults: dict[str, object] = {"dimension": 2 if self.robot == "point" else 3}
         else:
             defaults = {"robot": self.robot}
+            if kind is PlannerNode:
+                # Tests on a busy machine are slow to ask.
+                defaults["joint_state_max_age"] = 10.0
         overrides = [Parameter(name, value=value) for name, value in {**defaults, **parameters}.items()]
         node = kind(namespace=self.namespace, parameter_overrides=overrides, context=self.context)
         assert node.autostart()

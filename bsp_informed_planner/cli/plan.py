@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import typer
 
-from bsp_informed_planner.cli.robots import load_robot
+from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
 from bsp_informed_planner.cli.scene_files import load_problem, numbers, pose_option
-from bsp_informed_planner.errors import BspPlannerError, InvalidStateError, UnknownFrameError
+from bsp_informed_planner.errors import BspPlannerError, InvalidStateError, PlanningFailedError, UnknownFrameError
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import Goal, JointGoal, PlanningProblem, PlanOptions, PlanResult, PoseGoal
 from bsp_informed_planner.robots.robot import Robot
@@ -27,11 +27,7 @@ class PlanArguments:
     start: str | None
     goal: str | None
     goal_pose: str | None
-    robot: str
-    urdf: Path | None
-    srdf: Path | None
-    package_dirs: tuple[Path, ...]
-    tool_frame: str | None
+    choice: RobotChoice
     planner_id: str
     sampler_id: str
     seconds: float
@@ -42,11 +38,15 @@ class PlanArguments:
 
 
 def run_plan(arguments: PlanArguments) -> int:
-    """Plan, print, draw. Returns the exit status: 1 without a path."""
-    robot = load_robot(arguments.robot, arguments.urdf, arguments.srdf, arguments.package_dirs, arguments.tool_frame)
+    """Plan, print, draw. Returns the exit status: 1 without a path, 2 for a problem that is none."""
+    robot = load_robot(arguments.choice)
+    if not arguments.json:
+        typer.echo(describe_robot(robot))
     scene, start, goal_states, goal_poses = load_problem(arguments.scene)
     if scene.frame != robot.root_frame:
-        raise UnknownFrameError(scene.frame, [robot.root_frame])
+        raise UnknownFrameError(
+            scene.frame, [robot.root_frame], f"{arguments.scene}: `frame` must be the root link of the robot"
+        )
     if arguments.start is not None:
         start = np.array(numbers("--start", arguments.start))
     if start is None:
@@ -69,11 +69,12 @@ def run_plan(arguments: PlanArguments) -> int:
     try:
         result = planner.plan(PlanningProblem(start, goals), options)
     except BspPlannerError as error:
+        searched = isinstance(error, PlanningFailedError)
         if arguments.json:
             typer.echo(json.dumps({"success": False, "error": type(error).__name__, "message": str(error)}))
         else:
-            typer.echo(f"no path: {error}", err=True)
-        return 1
+            typer.echo(f"{'no path' if searched else 'error'}: {error}", err=True)
+        return 1 if searched else 2
     if arguments.json:
         typer.echo(json.dumps(result_as_dict(result, robot)))
     else:

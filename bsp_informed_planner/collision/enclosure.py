@@ -5,9 +5,11 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.geometry import create_geometry_data
+from bsp_informed_planner.collision.geometry import create_geometry_data, octree_voxels, voxel_octree
 from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.voxels import connected_pieces
 
 # Radius of the ball that stands for a point [m].
 _POINT = 1e-9
@@ -20,9 +22,10 @@ class EnclosedObstacles:
     the surface of a link is inside the link if one of its points is. So a point of each obstacle is looked up in the
     bounding box of each link, by coal, and where it is inside, its winding number around the link's surface decides
     (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013).
-    Obstacles too large for a link's bounding box are left out from the start; mostly none remain.
+    Obstacles too large for a link's bounding box are left out from the start; mostly none remain. Of a point cloud each
+    piece that hangs together is an obstacle of its own here, so that clutter measured inside a link counts.
 
-    Not thread-safe.
+    Not thread-safe: each thread has its own (`clone`).
     """
 
     def __init__(
@@ -40,26 +43,53 @@ class EnclosedObstacles:
         self._probes = pin.GeometryModel()
         self._pairs: list[tuple[int, int]] = []
         self._surfaces: dict[int, FloatArray] = {}
-        points: dict[int, int] = {}
+        # Of each link with a hollow the bounding box, in the frame of its geometry.
+        self._bounds: dict[int, tuple[FloatArray, FloatArray]] = {}
+        # Of each obstacle that fits somewhere a point of it, or of each piece: (k, 3), in the root frame.
+        self._points: dict[int, FloatArray] = {}
         for link in links:
-            geometry = collision_model.geometryObjects[link]
-            if not isinstance(geometry.geometry, coal.BVHModelBase):
-                continue
-            low, high = _local_bounds(geometry.geometry)
-            fitting = [i for i in obstacles if _fits(collision_model.geometryObjects[i].geometry, high - low)]
-            if not fitting:
-                continue
-            centre = geometry.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
-            box = self._add(f"box/{link}", geometry.parentJoint, centre, coal.Box(*(high - low).tolist()))
-            for obstacle in fitting:
-                if obstacle not in points:
-                    place = pin.SE3(np.eye(3), _inner_point(collision_model.geometryObjects[obstacle]))
-                    points[obstacle] = self._add(f"point/{obstacle}", 0, place, coal.Sphere(_POINT))
-                self._probes.addCollisionPair(pin.CollisionPair(box, points[obstacle]))
+            geometry = collision_model.geometryObjects[link].geometry
+            if isinstance(geometry, coal.BVHModelBase):
+                self._bounds[link] = _local_bounds(geometry)
+        sizes = {link: high - low for link, (low, high) in self._bounds.items()}
+        boxes: dict[int, int] = {}
+        for obstacle in obstacles if sizes else ():
+            item = collision_model.geometryObjects[obstacle]
+            if isinstance(item.geometry, coal.OcTree):
+                voxels = _pieces(item.geometry, list(sizes.values()))
+                if not len(voxels):
+                    continue
+                fitting, placement = list(sizes), item.placement
+                probe = voxel_octree(voxels, item.geometry.getResolution())
+                centres = (voxels + 0.5) * item.geometry.getResolution()
+                self._points[obstacle] = centres @ placement.rotation.T + placement.translation
+            else:
+                fitting = [link for link, size in sizes.items() if _fits(item.geometry, size)]
+                if not fitting:
+                    continue
+                probe, placement = coal.Sphere(_POINT), pin.SE3(np.eye(3), _inner_point(item))
+                self._points[obstacle] = placement.translation[None]
+            index = self._add(f"obstacle/{obstacle}", 0, placement, probe)
+            for link in fitting:
+                if link not in boxes:
+                    boxes[link] = self._add_box(link)
+                self._probes.addCollisionPair(pin.CollisionPair(boxes[link], index))
                 self._pairs.append((link, obstacle))
-        self._data = model.createData()
+        self._create_scratch()
+
+    def _create_scratch(self) -> None:
+        """All that must not be shared between threads."""
+        self._data = self._model.createData()
         self._probe_data = create_geometry_data(self._probes)
-        self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(model, self._probes, self._probe_data)
+        self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._probes, self._probe_data)
+
+    def clone(self) -> EnclosedObstacles:
+        """One of the same robot and obstacles, for another thread."""
+        other = object.__new__(EnclosedObstacles)
+        other.__dict__.update(self.__dict__)
+        other._surfaces = dict(self._surfaces)
+        other._create_scratch()
+        return other
 
     @property
     def candidates(self) -> int:
@@ -78,12 +108,19 @@ class EnclosedObstacles:
             return None
         for index, (link, obstacle) in enumerate(self._pairs):
             if pin.computeCollision(self._probes, self._probe_data, index):
-                point = _inner_point(self._collision_model.geometryObjects[obstacle])
                 geometry = self._collision_model.geometryObjects[link]
                 placement = self._data.oMi[geometry.parentJoint] * geometry.placement
-                if winding_number(self._surface(link), placement.actInv(point)) > 0.5:
+                points = (self._points[obstacle] - placement.translation) @ placement.rotation
+                low, high = self._bounds[link]
+                near = points[((points >= low) & (points <= high)).all(axis=1)]
+                if any(winding_number(self._surface(link), point) > 0.5 for point in near):
                     return link, obstacle
         return None
+
+    def _add_box(self, link: int) -> int:
+        geometry, (low, high) = self._collision_model.geometryObjects[link], self._bounds[link]
+        placement = geometry.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
+        return self._add(f"box/{link}", geometry.parentJoint, placement, coal.Box(*(high - low).tolist()))
 
     def _add(self, name: str, joint: int, placement: pin.SE3, geometry: coal.CollisionGeometry) -> int:
         return int(self._probes.addGeometryObject(pin.GeometryObject(name, joint, placement, geometry)))
@@ -143,8 +180,25 @@ def _fits(obstacle: coal.CollisionGeometry, size: FloatArray) -> bool:
     return bool(obstacle.computeVolume() <= size.prod())
 
 
+def _pieces(cloud: coal.OcTree, sizes: list[FloatArray]) -> NDArray[np.int64]:
+    """(k, 3) a voxel of each piece of a point cloud that may fit into a box of one of the sizes."""
+    resolution = cloud.getResolution()
+    voxels = octree_voxels(cloud)
+    pieces = connected_pieces(voxels)
+    order = np.argsort(pieces, kind="stable")
+    voxels = voxels[order]
+    first, counts = np.unique(pieces[order], return_index=True, return_counts=True)[1:]
+    extents = (np.maximum.reduceat(voxels, first) - np.minimum.reduceat(voxels, first) + 1).max(axis=1)
+    fits = np.zeros(len(first), dtype=np.bool_)
+    for size in sizes:
+        # As in `_fits`: a piece is at least as wide as a voxel, and as long as its longest extent.
+        if resolution <= size.min():
+            fits |= (extents * resolution <= np.linalg.norm(size)) & (counts * resolution**3 <= size.prod())
+    return voxels[first[fits]]
+
+
 def _inner_point(obstacle: pin.GeometryObject) -> FloatArray:
-    """A point inside a solid obstacle, in the root frame."""
+    """A point inside a convex obstacle, in the root frame."""
     geometry = obstacle.geometry
     local = np.asarray(geometry.points()).mean(axis=0) if isinstance(geometry, coal.ConvexBase) else np.zeros(3)
     return np.asarray(obstacle.placement.act(local))

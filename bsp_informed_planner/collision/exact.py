@@ -67,6 +67,7 @@ class ExactChecker:
             for link in self._moving:
                 self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
         self._create_scratch()
+        self._enclosed = EnclosedObstacles(self._model, self.collision_model, self._moving, self._obstacles)
 
     def _create_scratch(self) -> None:
         """All that must not be shared between threads."""
@@ -81,13 +82,13 @@ class ExactChecker:
         self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(
             self._model, self.collision_model, self._geometry_data
         )
-        self._enclosed = EnclosedObstacles(self._model, self.collision_model, self._moving, self._obstacles)
 
     def clone(self) -> ExactChecker:
         """One of the same scene and robot, for another thread; its count of checks starts at zero."""
         other = object.__new__(ExactChecker)
         other.__dict__.update(self.__dict__)
         other._create_scratch()
+        other._enclosed = self._enclosed.clone()
         return other
 
     @property

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.decomposition.array_types import Floats
+from bsp_informed_planner.decomposition.array_types import Floats, Indices
+from bsp_informed_planner.decomposition.box_kernels import box_facets, compose_poses
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.scene.polytopes import ConvexPolytope, box_polytope
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box
+from bsp_informed_planner.scene.shapes import Box, PointCloud
+from bsp_informed_planner.scene.voxels import merged_boxes
 
 _UNIT_BOX = box_polytope((1.0, 1.0, 1.0))
 _UNIT_LOOPS = np.concatenate(_UNIT_BOX.faces)
@@ -26,36 +28,24 @@ class BoxBatch:
         sizes: (b, 3) full edge lengths [m].
         positions: (b, 3) of their centres in the frame of the scene [m].
         rotations: (b, 3, 3) of their axes.
+        owners: (b,) position of their obstacle in the scene.
     """
 
     sizes: Floats
     positions: Floats
     rotations: Floats
+    owners: Indices
 
     def __len__(self) -> int:
         return len(self.sizes)
 
     def selected(self, mask: np.ndarray) -> BoxBatch:
         """Those boxes where the mask (b,) is True."""
-        return BoxBatch(self.sizes[mask], self.positions[mask], self.rotations[mask])
+        return BoxBatch(self.sizes[mask], self.positions[mask], self.rotations[mask], self.owners[mask])
 
     def facets(self) -> FacetSet:
         """The facets of all boxes, as of `box_polytope`."""
-        count = len(self)
-        axes = self.rotations.transpose(0, 2, 1)
-        vertices = (_UNIT_BOX.vertices * self.sizes[:, None]) @ axes + self.positions[:, None]
-        planes = np.empty((count, 6, 4))
-        planes[:, :, :3] = _UNIT_BOX.planes[:, :3] @ axes
-        planes[:, :, 3] = (planes[:, :, :3] @ self.positions[:, :, None])[:, :, 0] + 0.5 * self.sizes.repeat(2, axis=1)
-        first = np.arange(0, 8 * count + 1, 8)
-        return FacetSet(
-            vertices.reshape(-1, 3),
-            first,
-            (_UNIT_LOOPS + first[:-1, None]).ravel(),
-            np.arange(0, 24 * count + 1, 4),
-            planes.reshape(-1, 4),
-            np.arange(0, 6 * count + 1, 6),
-        )
+        return FacetSet(*box_facets(self.sizes, self.positions, self.rotations, _UNIT_LOOPS), self.owners)
 
     def polytopes(self) -> list[ConvexPolytope]:
         """The boxes one by one."""
@@ -66,7 +56,7 @@ class BoxBatch:
         ]
 
     def upright(self, height: float, bounds: WorkspaceBounds) -> tuple[BoxBatch, BoxBatch]:
-        """Prisms over the cross-sections of those boxes that stand upright, and the boxes that do not.
+        """Prisms over the cross-sections of those boxes that stand upright, and the others that may meet the section.
 
         Args:
             height: of the section [m].
@@ -77,38 +67,32 @@ class BoxBatch:
         prisms = self.selected(upright & met)
         prisms.positions[:, 2] = height
         prisms.sizes[:, 2] = 3.0 * (bounds.upper[2] - bounds.lower[2])
-        return prisms, self.selected(~upright)
+        reach = 0.5 * (np.abs(self.rotations[:, 2]) * self.sizes).sum(axis=1)
+        return prisms, self.selected(~upright & (np.abs(self.positions[:, 2] - height) <= reach))
 
 
-def placed_boxes(scene: Scene) -> tuple[BoxBatch, list[Obstacle]]:
-    """The boxes of all obstacles that consist of boxes alone, and the other obstacles."""
-    sizes, poses, others = [], [], []
-    for obstacle in scene.obstacles.values():
-        if all(isinstance(shape, Box) for shape, _ in obstacle.shapes):
-            for shape, local in obstacle.shapes:
+def placed_boxes(scene: Scene) -> tuple[BoxBatch, list[tuple[int, Obstacle]]]:
+    """Boxes of obstacles that consist of boxes and point clouds alone; positions in the scene and other obstacles."""
+    sizes: list[Floats] = []
+    poses: list[tuple[Floats, Floats, Floats, Floats]] = []
+    owners: list[int] = []
+    others = []
+    for number, obstacle in enumerate(scene.obstacles.values()):
+        if not all(isinstance(shape, (Box, PointCloud)) for shape, _ in obstacle.shapes):
+            others.append((number, obstacle))
+            continue
+        placed = obstacle.pose.position, obstacle.pose.quaternion
+        for shape, local in obstacle.shapes:
+            if isinstance(shape, PointCloud):
+                cloud_sizes, centres = merged_boxes(shape)
+                sizes.extend(cloud_sizes)
+                poses.extend((*placed, place, local.quaternion) for place in local.apply(centres))
+                owners.extend([number] * len(cloud_sizes))
+            else:
                 sizes.append(shape.size)  # type: ignore[union-attr]
-                poses.append((obstacle.pose.position, obstacle.pose.quaternion, local.position, local.quaternion))
-        else:
-            others.append(obstacle)
+                poses.append((*placed, local.position, local.quaternion))
+                owners.append(number)
     if not sizes:
-        return BoxBatch(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3))), others
-    position, quaternion, local_position, local_quaternion = (np.array(column) for column in zip(*poses, strict=True))
-    rotation = _rotations(quaternion)
-    positions = position + (rotation @ local_position[:, :, None])[:, :, 0]
-    return BoxBatch(np.array(sizes), positions, rotation @ _rotations(local_quaternion)), others
-
-
-def _rotations(quaternions: Floats) -> Floats:
-    """(b, 3, 3) matrices of unit quaternions (b, 4), x, y, z, w."""
-    x, y, z, w = quaternions.T
-    matrices = np.empty((len(quaternions), 3, 3))
-    matrices[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    matrices[:, 0, 1] = 2.0 * (x * y - z * w)
-    matrices[:, 0, 2] = 2.0 * (x * z + y * w)
-    matrices[:, 1, 0] = 2.0 * (x * y + z * w)
-    matrices[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    matrices[:, 1, 2] = 2.0 * (y * z - x * w)
-    matrices[:, 2, 0] = 2.0 * (x * z - y * w)
-    matrices[:, 2, 1] = 2.0 * (y * z + x * w)
-    matrices[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    return matrices
+        return BoxBatch(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0, np.int64)), others
+    positions, rotations = compose_poses(*(np.array(column) for column in zip(*poses, strict=True)))
+    return BoxBatch(np.array(sizes), positions, rotations, np.array(owners)), others

@@ -21,7 +21,7 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
     polygon_area,
     with_rows,
 )
-from bsp_informed_planner.decomposition.portal_kernels import OUTSIDE
+from bsp_informed_planner.decomposition.portal_kernels import FRESH, OUTSIDE
 
 # A cell whose interior point is closer to its border than this is a rounding error, and counts as solid [m].
 MINIMUM_DEPTH = 1e-7
@@ -98,10 +98,70 @@ def interior_points(corners: Floats, offsets: Indices, cells: Indices, nodes: in
 
 
 @kernel
+def cells_of_body(
+    vertices: Floats,
+    begin: int,
+    end: int,
+    node_planes: Floats,
+    node_front: Indices,
+    node_back: Indices,
+    marks: Indices,
+    mark: int,
+    found: Indices,
+) -> tuple[Indices, int]:
+    """Sends a convex polytope down the tree to the cells that it touches.
+
+    Args:
+        vertices: the polytope's are the rows from `begin` to `end`.
+        node_planes, node_front, node_back: the tree.
+        marks, mark: nodes that have none of the bits of `mark` among theirs are passed over.
+        found: buffer.
+
+    Returns:
+        the buffer or a larger one, with the cells in its first entries; their number.
+    """
+    count = 0
+    stack = np.empty(64, np.int64)
+    height = 0
+    if (marks[0] & mark) != 0:
+        stack[0] = 0
+        height = 1
+    while height > 0:
+        height -= 1
+        node = stack[height]
+        if node_front[node] < 0:
+            found = with_rows(found, count + 1)
+            found[count] = node
+            count += 1
+            continue
+        plane = node_planes[node]
+        any_front, any_back = False, False
+        for i in range(begin, end):
+            side = plane[0] * vertices[i, 0] + plane[1] * vertices[i, 1] + plane[2] * vertices[i, 2] - plane[3]
+            if side > ON_PLANE:
+                any_front = True
+            elif side < -ON_PLANE:
+                any_back = True
+            if any_front and any_back:
+                break
+        stack = with_rows(stack, height + 2)
+        if any_front and (marks[node_front[node]] & mark) != 0:
+            stack[height] = node_front[node]
+            height += 1
+        if any_back and (marks[node_back[node]] & mark) != 0:
+            stack[height] = node_back[node]
+            height += 1
+    return found, count
+
+
+@kernel
 def solid_cells(
     node_planes: Floats,
     node_front: Indices,
     node_back: Indices,
+    marks: Indices,
+    new_numbers: Indices,
+    former_solid: Flags,
     portal_corners: Floats,
     portal_offsets: Indices,
     portal_cells: Indices,
@@ -112,10 +172,12 @@ def solid_cells(
 ) -> Flags:
     """Which cells are obstacles: those with their interior point in a convex polytope, and those without interior.
 
-    Each polytope is sent down the tree to the cells that it touches.
+    Each polytope is sent down the tree to the cells that it touches. FORMER cells are what they were.
 
     Args:
         node_planes, node_front, node_back: the tree.
+        marks, new_numbers: see `mark_nodes`.
+        former_solid: for each node of the former tree.
         portal_corners, portal_offsets, portal_cells: see `cut_portals`.
         vertices: (v, 3) of the polytopes; vertex_offsets: (b + 1,).
         facet_planes: (f, 4) outward planes of their facets; facet_offsets: (b + 1,).
@@ -127,8 +189,11 @@ def solid_cells(
     parents = tree_parents(node_front, node_back)
     interiors = interior_points(portal_corners, portal_offsets, portal_cells, nodes)
     solid = np.zeros(nodes, np.bool_)
+    for old in range(new_numbers.shape[0]):
+        if new_numbers[old] >= 0:
+            solid[new_numbers[old]] = former_solid[old]
     for leaf in range(nodes):
-        if node_front[leaf] >= 0:
+        if node_front[leaf] >= 0 or marks[leaf] != FRESH:
             continue
         x, y, z = interiors[leaf, 0], interiors[leaf, 1], interiors[leaf, 2]
         node = leaf
@@ -142,41 +207,24 @@ def solid_cells(
                 solid[leaf] = True
                 break
 
-    stack = np.empty(64, np.int64)
+    found = np.empty(64, np.int64)
     for body in range(vertex_offsets.shape[0] - 1):
-        stack[0] = 0
-        height = 1
-        while height > 0:
-            height -= 1
-            node = stack[height]
-            if node_front[node] < 0:
-                if not solid[node]:
-                    inside = True
-                    for facet in range(facet_offsets[body], facet_offsets[body + 1]):
-                        outside = -facet_planes[facet, 3]
-                        for k in range(3):
-                            outside += facet_planes[facet, k] * interiors[node, k]
-                        if outside > 0.0:
-                            inside = False
-                            break
-                    if inside:
-                        solid[node] = True
+        found, count = cells_of_body(
+            vertices, vertex_offsets[body], vertex_offsets[body + 1],
+            node_planes, node_front, node_back, marks, FRESH, found,
+        )  # fmt: skip
+        for index in range(count):
+            cell = found[index]
+            if solid[cell]:
                 continue
-            plane = node_planes[node]
-            any_front, any_back = False, False
-            for i in range(vertex_offsets[body], vertex_offsets[body + 1]):
-                side = plane[0] * vertices[i, 0] + plane[1] * vertices[i, 1] + plane[2] * vertices[i, 2] - plane[3]
-                if side > ON_PLANE:
-                    any_front = True
-                elif side < -ON_PLANE:
-                    any_back = True
-                if any_front and any_back:
+            inside = True
+            for facet in range(facet_offsets[body], facet_offsets[body + 1]):
+                outside = -facet_planes[facet, 3]
+                for k in range(3):
+                    outside += facet_planes[facet, k] * interiors[cell, k]
+                if outside > 0.0:
+                    inside = False
                     break
-            stack = with_rows(stack, height + 2)
-            if any_front:
-                stack[height] = node_front[node]
-                height += 1
-            if any_back:
-                stack[height] = node_back[node]
-                height += 1
+            if inside:
+                solid[cell] = True
     return solid

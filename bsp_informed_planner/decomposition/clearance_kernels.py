@@ -8,6 +8,7 @@ import numpy as np
 
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
+from bsp_informed_planner.decomposition.clipping_kernels import ZERO
 
 
 @kernel
@@ -79,8 +80,32 @@ def distance_to_polytope(
 
 
 @kernel
-def buckets_of_boxes(boxes: Floats, lower: Floats, upper: Floats, size: int) -> tuple[Indices, Indices]:
-    """Files boxes in a grid of size^3 buckets between `lower` and `upper`.
+def boxes_around(vertices: Floats, vertex_offsets: Indices) -> Floats:
+    """(b, 2, 3) lower and upper corners of boxes around polytopes."""
+    bodies = vertex_offsets.shape[0] - 1
+    boxes = np.empty((bodies, 2, 3))
+    for body in range(bodies):
+        for k in range(3):
+            boxes[body, 0, k], boxes[body, 1, k] = np.inf, -np.inf
+            for i in range(vertex_offsets[body], vertex_offsets[body + 1]):
+                boxes[body, 0, k] = min(boxes[body, 0, k], vertices[i, k])
+                boxes[body, 1, k] = max(boxes[body, 1, k], vertices[i, k])
+    return boxes
+
+
+@kernel
+def box_gap_square(boxes: Floats, box: int, points: Floats, point: int) -> float:
+    """Squared distance of a row of `points` from a row of `boxes` (b, 2, 3)."""
+    square = 0.0
+    for k in range(3):
+        gap = max(boxes[box, 0, k] - points[point, k], points[point, k] - boxes[box, 1, k], 0.0)
+        square += gap * gap
+    return square
+
+
+@kernel
+def buckets_of_boxes(boxes: Floats, margin: float, lower: Floats, upper: Floats, size: int) -> tuple[Indices, Indices]:
+    """Files boxes, larger by `margin`, in a grid of size^3 buckets between `lower` and `upper`.
 
     Args:
         boxes: (b, 2, 3) lower and upper corners.
@@ -93,10 +118,10 @@ def buckets_of_boxes(boxes: Floats, lower: Floats, upper: Floats, size: int) -> 
     for body in range(bodies):
         for k in range(3):
             scale = size / (upper[k] - lower[k]) if upper[k] > lower[k] else 0.0
-            ranges[body, k, 0] = min(max(int((boxes[body, 0, k] - lower[k]) * scale), 0), size - 1)
-            ranges[body, k, 1] = min(max(int((boxes[body, 1, k] - lower[k]) * scale), 0), size - 1)
+            ranges[body, k, 0] = min(max(int((boxes[body, 0, k] - margin - lower[k]) * scale), 0), size - 1)
+            ranges[body, k, 1] = min(max(int((boxes[body, 1, k] + margin - lower[k]) * scale), 0), size - 1)
         for k in range(3):
-            if boxes[body, 1, k] < lower[k] or boxes[body, 0, k] > upper[k]:
+            if boxes[body, 1, k] + margin < lower[k] or boxes[body, 0, k] - margin > upper[k]:
                 # An empty range along one axis files the box nowhere.
                 ranges[body, 0, 0], ranges[body, 0, 1] = 0, -1
     begin = np.zeros(size**3 + 1, np.int64)
@@ -151,16 +176,10 @@ def clearances(
         for k in range(3):
             lower[k] = min(lower[k], points[i, k])
             upper[k] = max(upper[k], points[i, k])
-    boxes = np.empty((bodies, 2, 3))
-    for body in range(bodies):
-        for k in range(3):
-            boxes[body, 0, k], boxes[body, 1, k] = np.inf, -np.inf
-            for i in range(vertex_offsets[body], vertex_offsets[body + 1]):
-                boxes[body, 0, k] = min(boxes[body, 0, k], vertices[i, k] - cap)
-                boxes[body, 1, k] = max(boxes[body, 1, k], vertices[i, k] + cap)
+    boxes = boxes_around(vertices, vertex_offsets)
     # About as many buckets as polytopes.
     size = math.ceil(bodies ** (1.0 / 3.0))
-    begin, lists = buckets_of_boxes(boxes, lower, upper, size)
+    begin, lists = buckets_of_boxes(boxes, cap, lower, upper, size)
 
     for i in range(count):
         bucket = 0
@@ -171,11 +190,7 @@ def clearances(
         for index in range(begin[bucket], begin[bucket + 1]):
             body = lists[index]
             # The distance from the box is a lower bound.
-            square = 0.0
-            for k in range(3):
-                gap = max(boxes[body, 0, k] + cap - points[i, k], points[i, k] - boxes[body, 1, k] + cap, 0.0)
-                square += gap * gap
-            if square >= nearest * nearest:
+            if box_gap_square(boxes, body, points, i) >= nearest * nearest:
                 continue
             distance = distance_to_polytope(
                 points[i], vertices, loops, loop_offsets, planes, facet_offsets[body], facet_offsets[body + 1], nearest
@@ -183,3 +198,71 @@ def clearances(
             nearest = min(nearest, distance)
         result[i] = nearest
     return result
+
+
+@kernel
+def update_clearances(
+    points: Floats,
+    distances: Floats,
+    gone_vertices: Floats,
+    gone_vertex_offsets: Indices,
+    gone_loops: Indices,
+    gone_loop_offsets: Indices,
+    gone_planes: Floats,
+    gone_facet_offsets: Indices,
+    vertices: Floats,
+    vertex_offsets: Indices,
+    loops: Indices,
+    loop_offsets: Indices,
+    planes: Floats,
+    facet_offsets: Indices,
+    same: float,
+) -> Indices:
+    """Brings clearances up to date with polytopes that have come and gone.
+
+    Args:
+        points: (m, 3); distances: (m,) of `clearances`, which are changed in place; NaN where not known.
+        gone_vertices, ...: polytopes that are gone, see `FacetSet`.
+        vertices, ...: polytopes that are new.
+        same: distances that differ by less are those of the same polytope [m].
+
+    Returns:
+        indices of points whose distance is to be computed anew, since it is not known or was that of what is gone.
+    """
+    gone_boxes = boxes_around(gone_vertices, gone_vertex_offsets)
+    boxes = boxes_around(vertices, vertex_offsets)
+    # Around all of them: most points are far away.
+    everything = np.empty((1, 2, 3))
+    everything[0, 0], everything[0, 1] = np.inf, -np.inf
+    for some in (gone_boxes, boxes):
+        for body in range(some.shape[0]):
+            for k in range(3):
+                everything[0, 0, k] = min(everything[0, 0, k], some[body, 0, k])
+                everything[0, 1, k] = max(everything[0, 1, k], some[body, 1, k])
+    stale = np.empty(points.shape[0], np.int64)
+    count = 0
+    for i in range(points.shape[0]):
+        limit = distances[i] + same
+        is_stale = np.isnan(limit)
+        if box_gap_square(everything, ZERO, points, i) >= limit * limit:
+            continue
+        for body in range(gone_boxes.shape[0]):
+            if is_stale or box_gap_square(gone_boxes, body, points, i) >= limit * limit:
+                continue
+            is_stale = limit > distance_to_polytope(
+                points[i], gone_vertices, gone_loops, gone_loop_offsets, gone_planes,
+                gone_facet_offsets[body], gone_facet_offsets[body + 1], limit,
+            )  # fmt: skip
+        if is_stale:
+            stale[count] = i
+            count += 1
+            continue
+        for body in range(boxes.shape[0]):
+            nearest = distances[i]
+            if box_gap_square(boxes, body, points, i) < nearest * nearest:
+                distance = distance_to_polytope(
+                    points[i], vertices, loops, loop_offsets, planes,
+                    facet_offsets[body], facet_offsets[body + 1], nearest,
+                )  # fmt: skip
+                distances[i] = min(nearest, distance)
+    return stale[:count].copy()

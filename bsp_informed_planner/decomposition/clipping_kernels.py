@@ -26,6 +26,8 @@ NO_PLANE: Any = np.int64(-1)
 SQUARE_CORNERS: Any = np.int64(4)
 # What `clip` returns as counts for a polygon that lies in the plane.
 COPLANAR = -1
+# Other places of a polygon relative to a plane.
+ACROSS, IN_FRONT, BEHIND = 0, 1, 2
 
 
 @kernel
@@ -115,6 +117,37 @@ def clip(
             back += 1
         here = there
     return front - front_first, back - back_first
+
+
+@kernel
+def side_of(corners: Floats, first: int, count: int, planes: Floats, row: int) -> int:
+    """Where a polygon is relative to the plane `planes[row]`: IN_FRONT, BEHIND, COPLANAR or ACROSS."""
+    a, b, c, d = planes[row, 0], planes[row, 1], planes[row, 2], planes[row, 3]
+    highest, lowest = -np.inf, np.inf
+    for i in range(first, first + count):
+        height = a * corners[i, 0] + b * corners[i, 1] + c * corners[i, 2] - d
+        highest = max(highest, height)
+        lowest = min(lowest, height)
+    if lowest >= -ON_PLANE:
+        return COPLANAR if highest <= ON_PLANE else IN_FRONT
+    return BEHIND if highest <= ON_PLANE else ACROSS
+
+
+@kernel
+def bounding_sphere(corners: Floats, first: int, count: int, spheres: Floats, row: int) -> None:
+    """Writes centre and radius of a sphere around a polygon to `spheres[row]`."""
+    for k in range(3):
+        total = 0.0
+        for i in range(first, first + count):
+            total += corners[i, k]
+        spheres[row, k] = total / count
+    largest = 0.0
+    for i in range(first, first + count):
+        square = 0.0
+        for k in range(3):
+            square += (corners[i, k] - spheres[row, k]) ** 2
+        largest = max(largest, square)
+    spheres[row, 3] = math.sqrt(largest) + ON_PLANE
 
 
 @kernel

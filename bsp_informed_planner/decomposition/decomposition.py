@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
-from bsp_informed_planner.decomposition.bsp_kernels import build_tree
-from bsp_informed_planner.decomposition.candidate_kernels import place_candidates
-from bsp_informed_planner.decomposition.cell_kernels import cell_faces, solid_cells
-from bsp_informed_planner.decomposition.clearance_kernels import clearances
-from bsp_informed_planner.decomposition.facets import decomposed_bounds, partition_facets, read_facets
+from bsp_informed_planner.decomposition.cell_kernels import cell_faces
+from bsp_informed_planner.decomposition.construction import Construction, construct
+from bsp_informed_planner.decomposition.facets import decomposed_bounds, read_facets
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.decomposition.portal_kernels import cut_portals, free_portals
 from bsp_informed_planner.decomposition.search_kernels import candidates_by_cell, list_edges
 from bsp_informed_planner.decomposition.traversal_kernels import locate_points
 from bsp_informed_planner.errors import InvalidDecompositionError
@@ -116,6 +113,17 @@ class Decomposition:
         offsets = self.portal_offsets
         if offsets[0] != 0 or offsets[-1] != corners or (offsets[1:] < offsets[:-1]).any():
             raise InvalidDecompositionError("portal_offsets do not divide portal_corners")
+
+    @staticmethod
+    def _of_own_arrays(**attributes: Any) -> Decomposition:
+        """A decomposition of all its attributes, with arrays that need no check: it takes as long as an update."""
+        decomposition = object.__new__(Decomposition)
+        for name, value in attributes.items():
+            if isinstance(value, np.ndarray):
+                value = value.view()
+                value.setflags(write=False)
+            object.__setattr__(decomposition, name, value)
+        return decomposition
 
     def _array(self, name: str, dtype: type, shape: tuple[int, ...]) -> int:
         """Turns an attribute into a read-only contiguous array; returns its length."""
@@ -246,85 +254,51 @@ def decompose(scene: Scene, options: DecompositionOptions | None = None) -> Deco
         InvalidObstacleError: if an obstacle has a shape without volume.
     """
     options = options or DecompositionOptions()
-    bsp = options.bsp
     begin = time.perf_counter()
     bounds = decomposed_bounds(scene, options)
-    lower, upper = bounds.lower, bounds.upper
     facets = read_facets(scene, options)
-    scene_read = time.perf_counter()
+    scene_seconds = time.perf_counter() - begin
+    return decomposition_of(construct(facets, bounds, options), scene, bounds, options, scene_seconds)
 
-    inside = partition_facets(facets, bounds, options)
-    plane_indices, node_front, node_back, split_count = build_tree(
-        inside.corners,
-        inside.offsets,
-        inside.facet_planes,
-        inside.areas,
-        inside.planes,
-        bsp.split_weight,
-        bsp.imbalance_weight,
-        bsp.area_weight,
-        bsp.coplanar_weight,
-        bsp.maximum_candidates,
-    )
-    node_planes = np.where(plane_indices[:, None] >= 0, inside.planes[plane_indices], 0.0)
-    partitioned = time.perf_counter()
 
-    corners, offsets, cells, partitions = cut_portals(node_planes, node_front, node_back, lower, upper)
-    solid = solid_cells(
-        node_planes,
-        node_front,
-        node_back,
-        corners,
-        offsets,
-        cells,
-        facets.vertices,
-        facets.vertex_offsets,
-        inside.snapped_planes,
-        facets.facet_offsets,
-    )
-    corners, offsets, cells, partitions = free_portals(corners, offsets, cells, partitions, solid)
-    cut = time.perf_counter()
+def decomposition_of(
+    construction: Construction,
+    scene: Scene,
+    bounds: WorkspaceBounds,
+    options: DecompositionOptions,
+    scene_seconds: float,
+) -> Decomposition:
+    """What has been constructed, as a decomposition of a scene.
 
-    flat = options.dimension == 2
-    candidates, candidate_portals = place_candidates(
-        corners,
-        offsets,
-        partitions,
-        node_planes,
-        options.grid,
-        1 if flat else options.grid,
-        flat,
-        options.effective_margin,
-        options.minimum_portal_width,
-    )
-    distances = clearances(
-        candidates,
-        facets.vertices,
-        facets.vertex_offsets,
-        facets.loops,
-        facets.loop_offsets,
-        facets.planes,
-        facets.facet_offsets,
-        options.clearance_cap,
-    )
-    done = time.perf_counter()
-    return Decomposition(
+    Args:
+        construction: from the facets of the scene.
+        scene: gives frame and revision.
+        bounds: see `decomposed_bounds`.
+        options: what it was constructed by.
+        scene_seconds: time that it took to read the scene.
+    """
+    return Decomposition._of_own_arrays(
         dimension=options.dimension,
         bounds=bounds,
-        node_planes=node_planes,
-        node_front=node_front,
-        node_back=node_back,
-        node_solid=solid,
-        portal_corners=corners,
-        portal_offsets=offsets,
-        portal_cells=cells,
-        candidates=candidates,
-        candidate_portals=candidate_portals,
-        candidate_clearances=distances,
+        node_planes=construction.node_planes,
+        node_front=construction.node_front,
+        node_back=construction.node_back,
+        node_solid=construction.node_solid,
+        portal_corners=construction.portal_corners,
+        portal_offsets=construction.portal_offsets,
+        portal_cells=construction.portal_cells,
+        candidates=construction.candidates,
+        candidate_portals=construction.candidate_portals,
+        candidate_clearances=construction.candidate_clearances,
         clearance_cap=options.clearance_cap,
         frame=scene.frame,
         scene_revision=scene.revision,
-        timings=DecompositionTimings(scene_read - begin, partitioned - scene_read, cut - partitioned, done - cut),
-        facet_count=facets.facet_count,
-        split_count=int(split_count),
+        timings=DecompositionTimings(
+            scene_seconds,
+            construction.partition_seconds,
+            construction.portal_seconds,
+            construction.graph_seconds,
+        ),
+        facet_count=construction.facets.facet_count,
+        split_count=construction.split_count,
     )

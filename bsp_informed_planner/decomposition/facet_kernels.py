@@ -13,6 +13,7 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
     MINIMUM_AREA,
     NO_PLANE,
     ZERO,
+    bounding_sphere,
     bounds_planes,
     clip_to_front,
     copy_planes,
@@ -23,20 +24,29 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
 # Cosine of the largest angle between planes that may become one (4.5 mrad), and its sine rounded up.
 PARALLEL = 0.99999
 PARALLEL_SINE = 4.5e-3
+# What a plane is used by: nothing; partitions of the tree, but no facet; facets.
+UNUSED, OF_PARTITION, OF_FACET = 0, 1, 2
 
 
 @kernel
 def clip_facets(
-    vertices: Floats, loops: Indices, loop_offsets: Indices, lower: Floats, upper: Floats
-) -> tuple[Floats, Indices, Indices, Floats]:
+    vertices: Floats,
+    loops: Indices,
+    loop_offsets: Indices,
+    facet_offsets: Indices,
+    lower: Floats,
+    upper: Floats,
+) -> tuple[Floats, Indices, Indices, Indices, Floats, Floats]:
     """Clips facets to the workspace and drops those outside and on its border.
 
     Args:
         vertices: (v, 3); loops: indices into them; loop_offsets: (f + 1,), where the loop of each facet begins.
+        facet_offsets: (b + 1,) where the facets of each polytope begin.
         lower, upper: (3,) corners of the workspace.
 
     Returns:
-        corners (n, 3), offsets (m + 1,), the original facet of each (m,), area (m,).
+        corners (n, 3), offsets (m + 1,), the original facet of each (m,), its polytope (m,), its area (m,), and a
+        sphere around it (m, 4), see `bounding_sphere`.
     """
     facets = loop_offsets.shape[0] - 1
     border = bounds_planes(lower, upper)
@@ -47,11 +57,15 @@ def clip_facets(
     corners = np.empty((loops.shape[0] + BOUNDS_PLANES * facets, 3))
     offsets = np.zeros(facets + 1, np.int64)
     sources = np.empty(facets, np.int64)
+    bodies = np.empty(facets, np.int64)
     areas = np.empty(facets)
+    spheres = np.empty((facets, 4))
     room = longest + BOUNDS_PLANES + 1
     work = np.empty((3 * room, 3))
-    kept, used = 0, 0
+    kept, used, body = 0, 0, 0
     for facet in range(facets):
+        while facet >= facet_offsets[body + 1]:
+            body += 1
         count = loop_offsets[facet + 1] - loop_offsets[facet]
         for i in range(count):
             for k in range(3):
@@ -63,12 +77,21 @@ def clip_facets(
         if area < MINIMUM_AREA:
             continue
         copy_polygon(work, area_index * room, count, corners, used)
+        bounding_sphere(corners, used, count, spheres, kept)
         used += count
         sources[kept] = facet
+        bodies[kept] = body
         areas[kept] = area
         kept += 1
         offsets[kept] = used
-    return corners[:used].copy(), offsets[: kept + 1].copy(), sources[:kept].copy(), areas[:kept].copy()
+    return (
+        corners[:used].copy(),
+        offsets[: kept + 1].copy(),
+        sources[:kept].copy(),
+        bodies[:kept].copy(),
+        areas[:kept].copy(),
+        spheres[:kept].copy(),
+    )
 
 
 @kernel
@@ -76,9 +99,11 @@ def snap_facets(
     corners: Floats,
     offsets: Indices,
     sources: Indices,
-    order: Indices,
+    bodies: Indices,
+    areas: Floats,
     facet_planes: Floats,
-    facet_polytopes: Indices,
+    given: Floats,
+    uses: Indices,
     lower: Floats,
     upper: Floats,
     plane_tolerance: float,
@@ -88,27 +113,27 @@ def snap_facets(
 
     A facet takes the plane of a larger one if it moves by at most `gap_tolerance` outwards, which only makes the
     obstacle larger, or by at most `plane_tolerance` inwards. A plane never takes both sides of one polytope: a plate
-    thinner than the tolerance does not vanish.
+    thinner than the tolerance does not vanish. Planes of facets are preferred to those of mere partitions.
 
     Args:
-        corners, offsets, sources: clipped facets, see `clip_facets`.
-        order: (m,) in which they are dealt with: large ones first.
+        corners, offsets, sources, bodies, areas: clipped facets, see `clip_facets`; large ones are dealt with first.
         facet_planes: (f, 4) outward planes of the original facets.
-        facet_polytopes: (f,) the polytope of each original facet.
-        lower, upper: (3,) corners of the workspace, whose planes come first.
+        given: (g, 4) planes that are there already, those of the workspace first; uses: (g,) UNUSED, OF_PARTITION or
+            OF_FACET.
+        lower, upper: (3,) corners of the workspace.
 
     Returns:
-        shared planes (p, 4), the first six those of the workspace; the shared plane of each clipped facet (m,); and
-        the outward planes of all original facets after snapping (f, 4).
+        shared planes (p, 4), the given ones first; the shared plane of each clipped facet (m,); and the outward planes
+        of all original facets after snapping (f, 4).
     """
     count = sources.shape[0]
-    planes = np.empty((BOUNDS_PLANES + count, 4))
-    copy_planes(bounds_planes(lower, upper), planes)
-    total = BOUNDS_PLANES
+    total = given.shape[0]
+    planes = np.empty((total + count, 4))
+    copy_planes(given, planes)
     plane_of = np.empty(count, np.int64)
     snapped = facet_planes.copy()
     # Members of a plane as a linked list of clipped facets, and their orientation.
-    last_member = np.full(BOUNDS_PLANES + count, -1, np.int64)
+    last_member = np.full(total + count, -1, np.int64)
     previous_member = np.full(count, -1, np.int64)
     side = np.empty(count)
 
@@ -124,13 +149,16 @@ def snap_facets(
     width = outwards + PARALLEL_SINE * radius
     bins = int(radius / width) + 2
     head = np.full(bins, -1, np.int64)
-    following = np.full(BOUNDS_PLANES + count, -1, np.int64)
-    for p in range(BOUNDS_PLANES):
+    following = np.full(total + count, -1, np.int64)
+    for p in range(total):
+        if uses[p] == UNUSED:
+            continue
         distance = abs(planes[p, 0] * centre[0] + planes[p, 1] * centre[1] + planes[p, 2] * centre[2] - planes[p, 3])
         index = min(int(distance / width), bins - 1)
         following[p] = head[index]
         head[index] = p
 
+    order = np.argsort(-areas, kind="mergesort")  # equal ones in their order
     for rank in range(count):
         f = order[rank]
         source = sources[f]
@@ -161,13 +189,12 @@ def snap_facets(
                             fits = False
                             break
                         largest = max(largest, abs(move))
+                    if p < uses.shape[0] and uses[p] == OF_PARTITION:
+                        largest += outwards
                     if fits and largest < best_move:
                         member = last_member[p]
                         while member >= 0:
-                            if (
-                                side[member] != orientation
-                                and facet_polytopes[sources[member]] == facet_polytopes[source]
-                            ):
+                            if side[member] != orientation and bodies[member] == bodies[f]:
                                 fits = False
                                 break
                             member = previous_member[member]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.decomposition.array_types import Floats, Indices
+from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
+from bsp_informed_planner.decomposition.selection_kernels import join_bodies, select_bodies
 from bsp_informed_planner.scene.polytopes import ConvexPolytope
 
 
@@ -22,6 +23,7 @@ class FacetSet:
         loop_offsets: (f + 1,) where the loop of each facet begins.
         planes: (f, 4) rows (n, d): outward unit normal n, with n . x <= d [m] inside.
         facet_offsets: (b + 1,) where the facets of each polytope begin.
+        owners: (b,) number of the obstacle that each polytope belongs to.
     """
 
     vertices: Floats
@@ -30,10 +32,11 @@ class FacetSet:
     loop_offsets: Indices
     planes: Floats
     facet_offsets: Indices
+    owners: Indices
 
     @staticmethod
-    def of(polytopes: Iterable[ConvexPolytope]) -> FacetSet:
-        """The facets of polytopes."""
+    def of(polytopes: Iterable[ConvexPolytope], owners: Iterable[int] | None = None) -> FacetSet:
+        """The facets of polytopes, which all belong to obstacle 0 if no owners are given."""
         bodies = list(polytopes)
         faces = [face for body in bodies for face in body.faces]
         vertex_offsets = _offsets([len(body.vertices) for body in bodies])
@@ -48,19 +51,25 @@ class FacetSet:
             _offsets(loop_lengths),
             np.concatenate([np.empty((0, 4)), *(body.planes for body in bodies)]),
             _offsets(facet_counts),
+            np.zeros(len(bodies), np.int64) if owners is None else np.fromiter(owners, np.int64),
         )
 
     @staticmethod
     def joined(first: FacetSet, second: FacetSet) -> FacetSet:
         """The facets of two sets, in order."""
-        return FacetSet(
-            np.concatenate((first.vertices, second.vertices)),
-            np.concatenate((first.vertex_offsets, second.vertex_offsets[1:] + first.vertex_offsets[-1])),
-            np.concatenate((first.loops, second.loops + len(first.vertices))),
-            np.concatenate((first.loop_offsets, second.loop_offsets[1:] + first.loop_offsets[-1])),
-            np.concatenate((first.planes, second.planes)),
-            np.concatenate((first.facet_offsets, second.facet_offsets[1:] + first.facet_offsets[-1])),
-        )
+        return FacetSet(*join_bodies(*first.arrays, *second.arrays), np.concatenate((first.owners, second.owners)))
+
+    def selected(self, chosen: Flags) -> FacetSet:
+        """The facets of those polytopes where `chosen` (b,) is True."""
+        return FacetSet(*select_bodies(*self.arrays, chosen), self.owners[chosen])
+
+    @property
+    def arrays(self) -> tuple[Floats, Indices, Indices, Indices, Floats, Indices]:
+        """All attributes but the owners: arguments of kernels."""
+        return self.vertices, self.vertex_offsets, self.loops, self.loop_offsets, self.planes, self.facet_offsets
+
+    def __len__(self) -> int:
+        return len(self.owners)
 
     @property
     def facet_count(self) -> int:

@@ -95,3 +95,39 @@ class DecompositionOptions:
         if self.portal_margin is not None:
             return self.portal_margin
         return 0.02 if self.dimension == 3 else 0.0
+
+
+@dataclass(frozen=True)
+class UpdateOptions:
+    """What is partitioned anew when obstacles change, and when everything is.
+
+    Where obstacles have changed, cells are touched. A node of the tree is replaced with all below it if a cell below it
+    is touched, and there are few cells below it, or many of them are touched, or its plane has no facet any more.
+    Replacing more gives a better tree and takes longer.
+
+    Attributes:
+        few_cells: so many cells are few.
+        useless_cells: so many cells below a plane without facets are few.
+        touched_share: such a share of touched cells is many.
+        replaced_share: if more of the cells are to be replaced, everything is.
+        growth: everything is replaced once there are this many times as many cells as there were when everything was
+            replaced last.
+        changed_share: everything is replaced once so many convex parts of obstacles have changed since it was replaced
+            last, relative to their number.
+    """
+
+    few_cells: int = 8
+    useless_cells: int = 32
+    touched_share: float = 0.5
+    replaced_share: float = 0.5
+    growth: float = 1.5
+    changed_share: float = 0.5
+
+    def __post_init__(self) -> None:
+        for option in ("few_cells", "useless_cells"):
+            value = getattr(self, option)
+            _check(option, value, value >= 1, "at least 1")
+        for option in ("touched_share", "replaced_share", "changed_share"):
+            value = getattr(self, option)
+            _check(option, value, value >= 0.0, "a number of at least 0")
+        _check("growth", self.growth, self.growth >= 1.0, "a number of at least 1")

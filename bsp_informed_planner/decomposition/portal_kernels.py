@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.decomposition.bsp_kernels import tree_parents
 from bsp_informed_planner.decomposition.clipping_kernels import (
+    ACROSS,
+    BEHIND,
     BOUNDS_PLANES,
     COPLANAR,
+    IN_FRONT,
     MINIMUM_AREA,
     NO_PLANE,
     SQUARE_CORNERS,
@@ -20,6 +25,7 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
     copy_polygon,
     plane_square,
     polygon_area,
+    side_of,
     with_rows,
 )
 
@@ -27,19 +33,49 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
 OUTSIDE = -1
 # Returned when a buffer is too small.
 OVERFLOW = -1
+# What there is among the cells below a node, as bits: cells that are new, cells of the former tree.
+FRESH: Any = np.int64(1)
+FORMER: Any = np.int64(2)
+ANY: Any = FRESH | FORMER
+
+
+@kernel
+def mark_nodes(node_front: Indices, node_back: Indices, new_numbers: Indices) -> Indices:
+    """(n,) for each node FRESH, FORMER or ANY: what there is among the cells below it.
+
+    Args:
+        node_front, node_back: (n,) the tree.
+        new_numbers: the number of each node of the former tree, -1 for those that are gone.
+    """
+    nodes = node_front.shape[0]
+    marks = np.full(nodes, FRESH, np.int64)
+    for node in range(nodes):
+        if node_front[node] >= 0:
+            marks[node] = 0
+    for old in range(new_numbers.shape[0]):
+        node = new_numbers[old]
+        if node >= 0 and node_front[node] < 0:
+            marks[node] = FORMER
+    for node in range(nodes - 1, -1, -1):
+        if node_front[node] >= 0:
+            marks[node] = marks[node_front[node]] | marks[node_back[node]]
+    return marks
 
 
 @kernel
 def push_down(
-    work: Floats,
-    room: int,
-    current: int,
+    polygon: Floats,
     count: int,
     origin: int,
-    root: int,
+    first: int,
+    second: int,
+    second_mark: int,
     node_planes: Floats,
     node_front: Indices,
     node_back: Indices,
+    marks: Indices,
+    work: Floats,
+    room: int,
     pool: Floats,
     stack: Indices,
     corners: Floats,
@@ -48,14 +84,17 @@ def push_down(
     partitions: Indices,
     portals: int,
 ) -> int:
-    """Sends a polygon down the tree, and appends the pieces that arrive at leaves to the portals.
+    """Sends a polygon down one subtree and then another, and appends the pieces that arrive to the portals.
 
     Args:
-        work, room, current, count: the polygon, see `clip_to_front`.
-        origin: the partition whose polygon it is: it goes down in front first and then behind. Negative for a wall of
-            the workspace: it goes down from the root, and OUTSIDE is in front of it.
-        root: where it starts.
+        polygon, count: its corners.
+        origin: the partition whose polygon it is; negative for a wall of the workspace.
+        first: the subtree that it goes down first, to FRESH cells.
+        second: the subtree that it goes down then; OUTSIDE for a wall: it arrives after the first.
+        second_mark: where it goes there: FORMER cells, or ANY.
         node_planes, node_front, node_back: the tree.
+        marks: see `mark_nodes`.
+        work, room: for two polygons of `room` corners each.
         pool, stack: buffers for the polygons on their way, of any size.
         corners, offsets, cells, partitions: portals, see `cut_portals`; portals: how many there are.
 
@@ -65,16 +104,18 @@ def push_down(
     # The last polygon of the stack has its corners at the end of the pool.
     if count > pool.shape[0] or stack.shape[0] < 1:
         return OVERFLOW
-    copy_polygon(work, current * room, count, pool, 0)
-    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, count, root, OUTSIDE
+    copy_polygon(polygon, 0, count, pool, 0)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, count, first, OUTSIDE
     height = 1
     used = offsets[portals]
+    # The cell behind comes second, unless the polygon goes there first.
+    column = 1 if origin >= 0 and first == node_back[origin] else 0
     while height > 0:
         height -= 1
         start, count, node, cell = stack[height, 0], stack[height, 1], stack[height, 2], stack[height, 3]
         if node_front[node] < 0:
-            if cell == OUTSIDE and origin >= 0:
-                stack[height, 2], stack[height, 3] = node_back[origin], node
+            if cell == OUTSIDE and second != OUTSIDE:
+                stack[height, 2], stack[height, 3] = second, node
                 height += 1
                 continue
             if polygon_area(pool, start, count) < MINIMUM_AREA:
@@ -83,23 +124,32 @@ def push_down(
                 return OVERFLOW
             copy_polygon(pool, start, count, corners, used)
             used += count
-            cells[portals, 0], cells[portals, 1] = cell, node
+            cells[portals, column], cells[portals, 1 - column] = cell, node
             partitions[portals] = origin
             portals += 1
             offsets[portals] = used
             continue
-        front_count, back_count = clip(pool, start, count, node_planes, node, work, ZERO, room)
-        if front_count == COPLANAR:
+        mark = FRESH if cell == OUTSIDE else second_mark
+        to_front = (marks[node_front[node]] & mark) != 0
+        to_back = (marks[node_back[node]] & mark) != 0
+        side = side_of(pool, start, count, node_planes, node)
+        if side == COPLANAR:
             continue
+        if side != ACROSS:
+            if to_front if side == IN_FRONT else to_back:
+                stack[height, 2] = node_front[node] if side == IN_FRONT else node_back[node]
+                height += 1
+            continue
+        front_count, back_count = clip(pool, start, count, node_planes, node, work, ZERO, room)
         if height + 2 > stack.shape[0] or start + front_count + back_count > pool.shape[0]:
             return OVERFLOW
-        if front_count >= 3:
+        if front_count >= 3 and to_front:
             copy_polygon(work, 0, front_count, pool, start)
             stack[height, 0], stack[height, 1] = start, front_count
             stack[height, 2], stack[height, 3] = node_front[node], cell
             start += front_count
             height += 1
-        if back_count >= 3:
+        if back_count >= 3 and to_back:
             copy_polygon(work, room, back_count, pool, start)
             stack[height, 0], stack[height, 1] = start, back_count
             stack[height, 2], stack[height, 3] = node_back[node], cell
@@ -108,16 +158,61 @@ def push_down(
 
 
 @kernel
+def partition_polygon(
+    origin: int,
+    node_planes: Floats,
+    node_front: Indices,
+    parents: Indices,
+    walls: Floats,
+    lower: Floats,
+    upper: Floats,
+    work: Floats,
+    room: int,
+    polygon: Floats,
+) -> int:
+    """Writes the polygon of a partition within its node's cell to `polygon`; returns its number of corners."""
+    plane_square(node_planes, origin, lower, upper, work)
+    current, count = clip_to_front(work, room, ZERO, SQUARE_CORNERS, walls, NO_PLANE)
+    node = origin
+    while count >= 3 and parents[node] >= 0:
+        parent = parents[node]
+        in_front = node_front[parent] == node
+        node = parent
+        side = side_of(work, current * room, count, node_planes, parent)
+        if side == ACROSS:
+            # The part on the side of the node goes to the next area.
+            other, spare = (current + 1) % 3, (current + 2) % 3
+            front, back = (other, spare) if in_front else (spare, other)
+            front_count, back_count = clip(
+                work, current * room, count, node_planes, parent, work, front * room, back * room
+            )
+            count = front_count if in_front else back_count
+            current = other
+        elif side != (IN_FRONT if in_front else BEHIND):
+            return 0
+    if count >= 3:
+        copy_polygon(work, current * room, count, polygon, 0)
+    return count
+
+
+@kernel
 def cut_portals(
-    node_planes: Floats, node_front: Indices, node_back: Indices, lower: Floats, upper: Floats
+    node_planes: Floats,
+    node_front: Indices,
+    node_back: Indices,
+    marks: Indices,
+    lower: Floats,
+    upper: Floats,
 ) -> tuple[Floats, Indices, Indices, Indices]:
-    """All polygons in which two cells, or a cell and the walls of the workspace, meet.
+    """All polygons in which a FRESH cell meets another cell or the walls of the workspace.
 
     The polygon of each partition, clipped by its ancestors, is pushed down the front subtree and then the back
-    subtree, and what arrives at a leaf of both is a portal between the two.
+    subtree, and what arrives at a leaf of both is a portal between the two. FORMER cells in front of FRESH ones get a
+    second round, which goes down the back subtree first.
 
     Args:
         node_planes: (n, 4); node_front, node_back: (n,) children, -1 for leaves.
+        marks: see `mark_nodes`.
         lower, upper: (3,) corners of the workspace.
 
     Returns:
@@ -127,62 +222,59 @@ def cut_portals(
     nodes = node_front.shape[0]
     parents = tree_parents(node_front, node_back)
     depths = np.zeros(nodes, np.int64)
-    depth = 0
+    depth, fresh = 0, 0
     for node in range(1, nodes):
         depths[node] = depths[parents[node]] + 1
         depth = max(depth, depths[node])
+        fresh += marks[node] & FRESH
     walls = bounds_planes(lower, upper)
     # Each clip can add a corner: by walls, by ancestors, on the way down in front and on the way down behind.
     room = SQUARE_CORNERS + BOUNDS_PLANES + 3 * depth + 1
     work = np.empty((3 * room, 3))
+    polygon = np.empty((room, 3))
     pool = np.empty((256, 3))
     stack = np.empty((2 * depth + 2, 4), np.int64)  # first corner, number of corners, node, cell in front
-    corners = np.empty((16 * nodes + 64, 3))
-    offsets = np.zeros(4 * nodes + 9, np.int64)
-    cells = np.empty((4 * nodes + 8, 2), np.int64)
-    partitions = np.empty(4 * nodes + 8, np.int64)
+    corners = np.empty((16 * fresh + 64, 3))
+    offsets = np.zeros(4 * fresh + 9, np.int64)
+    cells = np.empty((4 * fresh + 8, 2), np.int64)
+    partitions = np.empty(4 * fresh + 8, np.int64)
     portals = offsets[0]
     for origin in range(-BOUNDS_PLANES, nodes):
-        if origin >= 0 and node_front[origin] < 0:
+        if origin >= 0 and (node_front[origin] < 0 or (marks[origin] & FRESH) == 0):
             continue
-        while True:
+        if origin < 0:
+            plane_square(walls, origin + BOUNDS_PLANES, lower, upper, work)
+            current, count = clip_to_front(work, room, ZERO, SQUARE_CORNERS, walls, origin + BOUNDS_PLANES)
+            copy_polygon(work, current * room, count, polygon, 0)
+        else:
+            count = partition_polygon(
+                origin, node_planes, node_front, parents, walls, lower, upper, work, room, polygon
+            )
+        if count < 3:
+            continue
+        for backwards in (False, True):
             if origin < 0:
-                wall = origin + BOUNDS_PLANES
-                root = 0
-                plane_square(walls, wall, lower, upper, work)
-                current, count = clip_to_front(work, room, ZERO, SQUARE_CORNERS, walls, wall)
+                first, second, second_mark = 0, OUTSIDE, ANY
+            elif backwards:
+                first, second, second_mark = node_back[origin], node_front[origin], FORMER
             else:
-                root = node_front[origin]
-                plane_square(node_planes, origin, lower, upper, work)
-                current, count = clip_to_front(work, room, ZERO, SQUARE_CORNERS, walls, NO_PLANE)
-                node = origin
-                while count >= 3 and parents[node] >= 0:
-                    parent = parents[node]
-                    # The part on the side of `node` goes to the next area.
-                    other, spare = (current + 1) % 3, (current + 2) % 3
-                    in_front = node_front[parent] == node
-                    front, back = (other, spare) if in_front else (spare, other)
-                    front_count, back_count = clip(
-                        work, current * room, count, node_planes, parent, work, front * room, back * room
-                    )
-                    count = front_count if in_front else back_count
-                    current = other
-                    node = parent
-            if count < 3:
-                break
-            total = push_down(
-                work, room, current, count, origin, root, node_planes, node_front, node_back,
-                pool, stack, corners, offsets, cells, partitions, portals,
-            )  # fmt: skip
-            if total != OVERFLOW:
-                portals = total
-                break
-            pool = with_rows(pool, 2 * pool.shape[0])
-            stack = with_rows(stack, 2 * stack.shape[0])
-            corners = with_rows(corners, 2 * corners.shape[0])
-            offsets = with_rows(offsets, 2 * offsets.shape[0])
-            cells = with_rows(cells, offsets.shape[0] - 1)
-            partitions = with_rows(partitions, offsets.shape[0] - 1)
+                first, second, second_mark = node_front[origin], node_back[origin], ANY
+            if (marks[first] & FRESH) == 0 or (backwards and (origin < 0 or (marks[second] & FORMER) == 0)):
+                continue
+            while True:
+                total = push_down(
+                    polygon, count, origin, first, second, second_mark, node_planes, node_front, node_back, marks,
+                    work, room, pool, stack, corners, offsets, cells, partitions, portals,
+                )  # fmt: skip
+                if total != OVERFLOW:
+                    portals = total
+                    break
+                pool = with_rows(pool, 2 * pool.shape[0])
+                stack = with_rows(stack, 2 * stack.shape[0])
+                corners = with_rows(corners, 2 * corners.shape[0])
+                offsets = with_rows(offsets, 2 * offsets.shape[0])
+                cells = with_rows(cells, offsets.shape[0] - 1)
+                partitions = with_rows(partitions, offsets.shape[0] - 1)
     used = offsets[portals]
     return corners[:used].copy(), offsets[: portals + 1].copy(), cells[:portals].copy(), partitions[:portals].copy()
 

@@ -16,19 +16,32 @@ from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indice
 @kernel
 def candidates_by_cell(candidate_portals: Indices, portal_cells: Indices, nodes: int) -> tuple[Indices, Indices]:
     """For each node where its list of candidates begins (n + 1,), and the lists, one after the other (2 k,)."""
+    count = candidate_portals.shape[0]
     begin = np.zeros(nodes + 1, np.int64)
-    for candidate in range(candidate_portals.shape[0]):
+    # Candidates of one portal follow each other, mostly.
+    candidate = 0
+    while candidate < count:
+        portal, following = candidate_portals[candidate], candidate + 1
+        while following < count and candidate_portals[following] == portal:
+            following += 1
         for side in range(2):
-            begin[portal_cells[candidate_portals[candidate], side] + 1] += 1
+            begin[portal_cells[portal, side] + 1] += following - candidate
+        candidate = following
     for node in range(nodes):
         begin[node + 1] += begin[node]
     fill = begin[:nodes].copy()
     lists = np.empty(begin[nodes], np.int64)
-    for candidate in range(candidate_portals.shape[0]):
+    candidate = 0
+    while candidate < count:
+        portal, following = candidate_portals[candidate], candidate + 1
+        while following < count and candidate_portals[following] == portal:
+            following += 1
         for side in range(2):
-            cell = portal_cells[candidate_portals[candidate], side]
-            lists[fill[cell]] = candidate
-            fill[cell] += 1
+            cell = portal_cells[portal, side]
+            for index in range(candidate, following):
+                lists[fill[cell] + index - candidate] = index
+            fill[cell] += following - candidate
+        candidate = following
     return begin, lists
 
 

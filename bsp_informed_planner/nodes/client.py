@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, PlanRequest, PlanResponse, SceneStatus
 from bsp_informed_planner_msgs.srv import Plan
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -19,6 +20,10 @@ from bsp_informed_planner.nodes.scene_conversions import pose_to_msg, scene_to_m
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene
+
+
+def _nanoseconds(stamp: Time) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 class SuiteUnavailableError(BspPlannerError):
@@ -98,11 +103,14 @@ class SuiteClient:
         """
         message = scene_to_msg(scene)
         message.header.stamp = self._node.get_clock().now().to_msg()
-        # A latched status of an earlier scene may arrive first: only what comes after the scene is sent counts.
-        self._spin_until(lambda: self._statuses > 0, 0.3)
-        before = self._statuses
+        stamp = _nanoseconds(message.header.stamp)
+
+        def is_answered() -> bool:
+            # A newer scene may have superseded this one, of another client's or its own.
+            return self._status is not None and _nanoseconds(self._status.header.stamp) >= stamp
+
         self._publisher.publish(message)
-        if not self._spin_until(lambda: self._statuses > before, seconds):
+        if not self._spin_until(is_answered, seconds):
             raise SuiteUnavailableError(f"the decomposition node did not answer a scene within {seconds:.0f} s")
         assert self._status is not None
         if self._status.error_code != ErrorCode.SUCCESS:

@@ -33,6 +33,7 @@ class ErrorCode(IntEnum):
     START_STATE_INVALID = -26
     GOAL_STATE_INVALID = -27
     CRASH = -29
+    ABORT = -30
     NO_IK_SOLUTION = -31
 
 
@@ -63,6 +64,8 @@ _BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
     (errors.PlanningCancelledError, ErrorCode.PREEMPTED),
     (errors.PlanningTimeoutError, ErrorCode.TIMED_OUT),
     (errors.PlanningFailedError, ErrorCode.PLANNING_FAILED),
+    (errors.TrajectoryTimingError, ErrorCode.PLANNING_FAILED),
+    (errors.QueueFullError, ErrorCode.ABORT),
     (errors.KeypointsUnavailableError, ErrorCode.PLANNING_FAILED),
 )
 

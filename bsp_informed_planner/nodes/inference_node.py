@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from bsp_informed_planner_msgs.srv import EstimateKeypoints, SampleConfigurations
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, InvalidStateError, UnknownSamplerError
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
@@ -33,6 +33,7 @@ logger = logging.getLogger(__name__)
 
 MODELS = ("bsp",)
 MAX_SAMPLES = 100_000
+MAX_GOALS = 1000
 
 
 @dataclass(frozen=True)
@@ -52,27 +53,25 @@ class InferenceNode(PlannerSuiteNode):
         super().__init__("inference_node", **options)
 
     def setup(self) -> None:
-        self._parameters = declare(self, InferenceParameters)
-        self._options = KeypointGuideOptions(sigma=self._parameters.sigma)
+        self._settings = declare(self, InferenceParameters)
+        self._options = KeypointGuideOptions(sigma=self._settings.sigma)
         self._served = 0
         self._last_seconds = 0.0
-        self._world = WorldTracker(self, self._parameters.allow_empty_scene)
-        self._robot_source = RobotSource(self, self._parameters, self._world.set_robot, self.note_error)
-        group = ReentrantCallbackGroup()
-        self._services_offered = [
-            self.create_service(EstimateKeypoints, "estimate_keypoints", self._on_estimate, callback_group=group),
-            self.create_service(SampleConfigurations, "sample_configurations", self._on_sample, callback_group=group),
-        ]
-
-    def teardown(self) -> None:
-        for service in self._services_offered:
-            self.destroy_service(service)
-        self._robot_source.close()
-        self._world.close()
+        self._world = WorldTracker(self, self._settings.allow_empty_scene)
+        self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
+        self.release_with(self._world.close)
+        self.release_with(self._robot_source.close)
+        # One request of a kind at a time, so that threads of the executor remain for the scene.
+        for kind, name, callback in (
+            (EstimateKeypoints, "estimate_keypoints", self._on_estimate),
+            (SampleConfigurations, "sample_configurations", self._on_sample),
+        ):
+            service = self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
+            self.release_with(self.destroy_service, service)
 
     def diagnostic_values(self) -> dict[str, object]:
         return {
-            "model": self._parameters.model,
+            "model": self._settings.model,
             "scene_revision": self._world.revision,
             "requests_served": self._served,
             "last_inference_seconds": round(self._last_seconds, 6),
@@ -83,7 +82,7 @@ class InferenceNode(PlannerSuiteNode):
     ) -> EstimateKeypoints.Response:
         begin = time.monotonic()
         try:
-            self._estimate(request, response, begin + self._parameters.max_seconds)
+            self._estimate(request, response, begin + self._settings.max_seconds)
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self._refuse(error, response)
         self._served += 1
@@ -93,14 +92,15 @@ class InferenceNode(PlannerSuiteNode):
     def _estimate(
         self, request: EstimateKeypoints.Request, response: EstimateKeypoints.Response, deadline: float
     ) -> None:
+        self.require_active()
         response.model = self._model(request.model)
         world = self._world.current(int(request.scene_revision))
         response.scene_revision = world.revision
         checker = world.planner.checker()
         start = free_state(world.robot, checker, "start", np.array(request.start))
         goals = self._rows("goal", request.goals, request.joints, world.robot.dof)
-        if not len(goals):
-            raise InvalidStateError("goal", "no goal was given")
+        if not 1 <= len(goals) <= MAX_GOALS:
+            raise InvalidOptionError("goals", len(goals), f"1 to {MAX_GOALS}")
         goals = np.array([free_state(world.robot, checker, "goal", goal) for goal in goals])
         guide = ExactKeypointGuide(world.robot, world.planner.decomposition, self._options)
         chains = guide.chains(start, goals, checker, lambda: time.monotonic() > deadline)
@@ -127,6 +127,7 @@ class InferenceNode(PlannerSuiteNode):
         return response
 
     def _sample(self, request: SampleConfigurations.Request, response: SampleConfigurations.Response) -> None:
+        self.require_active()
         response.model = self._model(request.model)
         world = self._world.current(int(request.scene_revision))
         response.scene_revision = world.revision
@@ -148,7 +149,7 @@ class InferenceNode(PlannerSuiteNode):
         response.error_code = int(ErrorCode.SUCCESS)
 
     def _model(self, name: str) -> str:
-        name = name or self._parameters.model
+        name = name or self._settings.model
         if name not in MODELS:
             raise UnknownSamplerError(name, MODELS)
         return name

@@ -5,23 +5,28 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from bsp_informed_planner.compile_kernels import ensure_compiled
-from bsp_informed_planner.errors import BspPlannerError
+from bsp_informed_planner.errors import BspPlannerError, NodeInactiveError
+
+logger = logging.getLogger(__name__)
 
 DIAGNOSTICS_PERIOD = 1.0
 
 
 class PlannerSuiteNode(LifecycleNode):
-    """Base of the nodes: `setup` when configured, `teardown` when cleaned up, diagnostics once a second.
+    """Base of the nodes: `setup` when configured, its resources released when cleaned up, diagnostics once a second.
 
     With parameter `autostart`, true by default, the node configures and activates itself, so that it works without a
-    lifecycle manager.
+    lifecycle manager. While it is not active it refuses to work.
 
     Args:
         name: of the node.
@@ -30,28 +35,34 @@ class PlannerSuiteNode(LifecycleNode):
 
     def __init__(self, name: str, **options: object) -> None:
         super().__init__(name, **options)
-        self.is_active = False
+        self._is_serving = False
         self._last_error = ""
+        self._resources = ExitStack()
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self.declare_parameter("autostart", True)
 
     # --- for subclasses ---
 
     def setup(self) -> None:
-        """Read parameters, create publishers, subscriptions and services.
+        """Read parameters, create publishers, subscriptions and services, and register their end in `release_with`.
 
         Raises:
             BspPlannerError: with a sentence; the node then stays unconfigured.
         """
         raise NotImplementedError
 
-    def teardown(self) -> None:
-        """Undo `setup`."""
-        raise NotImplementedError
+    def release_with(self, release: Callable[..., object], *arguments: object) -> None:
+        """Call this when the node is cleaned up, after what was registered later."""
+        self._resources.callback(release, *arguments)
 
     def diagnostic_values(self) -> dict[str, object]:
         """What the node tells of itself, by name."""
         return {}
+
+    def require_active(self) -> None:
+        """Raises NodeInactiveError unless the node is active."""
+        if not self._is_serving:
+            raise NodeInactiveError(self.get_name())
 
     def note_error(self, message: str) -> None:
         """Log a failure and keep it for diagnostics."""
@@ -73,24 +84,45 @@ class PlannerSuiteNode(LifecycleNode):
             # Here, and not within the time of somebody's first plan; at once if `make` has filled the cache.
             ensure_compiled()
             self.setup()
-        except BspPlannerError as error:
+        except Exception as error:
             self.note_error(f"cannot configure: {error}")
+            if not isinstance(error, BspPlannerError):
+                logger.debug("while configuring", exc_info=error)
+            self._resources.close()
             return TransitionCallbackReturn.FAILURE
-        self._diagnostics_timer = self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        timer = self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self.release_with(self.destroy_timer, timer)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self.is_active = True
+        self._is_serving = True
+        self.get_logger().info("active")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self.is_active = False
+        self._is_serving = False
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self.destroy_timer(self._diagnostics_timer)
-        self.teardown()
+        self._resources.close()
         return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._is_serving = False
+        self._resources.close()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._is_serving = False
+        self._resources.close()
+        super().on_error(state)
+        return TransitionCallbackReturn.SUCCESS
+
+    def destroy_node(self) -> None:
+        # Threads must not outlive what they publish with.
+        self._is_serving = False
+        self._resources.close()
+        super().destroy_node()
 
     def _publish_diagnostics(self) -> None:
         status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id="bsp_informed_planner")
@@ -98,7 +130,7 @@ class PlannerSuiteNode(LifecycleNode):
             status.level, status.message = DiagnosticStatus.WARN, self._last_error
         else:
             status.level = DiagnosticStatus.OK
-            status.message = "active" if self.is_active else "inactive"
+            status.message = "active" if self._is_serving else "inactive"
         status.values = [KeyValue(key=key, value=str(value)) for key, value in self.diagnostic_values().items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
@@ -132,7 +164,11 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         args: command line, by default that of the process.
     """
     started = True
-    rclpy.init(args=args)
+    try:
+        rclpy.init(args=args)
+    except rclpy_implementation.RCLError as error:
+        # E.g. a parameter file that cannot be read; the first line says it, the rest is a trace through C.
+        sys.exit(f"cannot start: {str(error).splitlines()[0]}")
     library = logging.getLogger("bsp_informed_planner")
     library.setLevel(logging.INFO)
     handler: RosLogHandler | None = None
@@ -148,6 +184,9 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
             executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except (rclpy_implementation.RCLError, ParameterException) as error:
+        started = False
+        sys.stderr.write(f"cannot start: {error}\n")
     finally:
         if handler is not None:
             library.removeHandler(handler)

@@ -117,6 +117,21 @@ def options_from_msg(request: PlanRequest, defaults: PlanOptions, max_seconds: f
         raise InvalidOptionError(
             "allowed_planning_time", request.allowed_planning_time, f"at most {max_seconds} s (parameter `max_seconds`)"
         )
+    try:
+        return _options(request, defaults)
+    except InvalidOptionError as error:
+        # In the words of the request.
+        raise InvalidOptionError(_FIELDS.get(error.option, error.option), error.value, error.expected) from error
+
+
+_FIELDS = {
+    "allowed_seconds": "allowed_planning_time",
+    "velocity_scaling": "max_velocity_scaling_factor",
+    "acceleration_scaling": "max_acceleration_scaling_factor",
+}
+
+
+def _options(request: PlanRequest, defaults: PlanOptions) -> PlanOptions:
     return PlanOptions(
         planner_id=request.planner_id or defaults.planner_id,
         sampler_id=request.sampler_id or defaults.sampler_id,

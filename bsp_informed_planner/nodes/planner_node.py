@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from bsp_informed_planner_msgs.action import PlanMotion
@@ -14,7 +14,7 @@ from bsp_informed_planner_msgs.srv import Plan
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.task import Future
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -24,6 +24,7 @@ from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.parameters import declare, parameter
 from bsp_informed_planner.nodes.plan_conversions import options_from_msg, problem_from_msg, response_from_result
+from bsp_informed_planner.nodes.plan_jobs import PlanJobs
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.remote_guidance import InferenceUnavailableError, RemoteGuide
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
@@ -39,6 +40,10 @@ logger = logging.getLogger(__name__)
 
 #: How long a plan waits for a scene revision that its client has heard of before this node has [s].
 SCENE_PATIENCE = 1.0
+#: How long the result of an action is kept for a client that has not asked for it yet [s].
+RESULT_TIMEOUT = 30
+#: How long a node that is cleaned up waits for its last answers to be sent [s].
+ANSWER_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,10 @@ class PlannerParameters(RobotParameters):
     use_inference: bool = parameter(True, "Ask the inference node for guidance; false: find keypoints here.")
     inference_timeout: float = parameter(1.0, "Longest wait for the inference node [s].", minimum=0.01, maximum=60.0)
     workers: int = parameter(2, "How many plans are worked on at once.", minimum=1, maximum=64)
+    joint_state_max_age: float = parameter(
+        1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0
+    )
+    queue_size: int = parameter(16, "How many more may wait; one beyond is refused at once.", minimum=0, maximum=1000)
 
     def plan_options(self) -> PlanOptions:
         """Options of a request that leaves everything open."""
@@ -98,67 +107,77 @@ class PlannerNode(PlannerSuiteNode):
         super().__init__("planner_node", **options)
 
     def setup(self) -> None:
-        self._parameters = declare(self, PlannerParameters)
-        self._defaults = self._parameters.plan_options()
-        self._joint_states: dict[str, float] = {}
+        self._settings = declare(self, PlannerParameters)
+        self._defaults = self._settings.plan_options()
+        # Position and time of arrival of each joint.
+        self._joint_states: dict[str, tuple[float, float]] = {}
         self._joint_lock = threading.Lock()
         self._plans = 0
         self._failures = 0
-        self._stopping = threading.Event()
-        self._workers = ThreadPoolExecutor(self._parameters.workers, thread_name_prefix="plan")
-        self._world = WorldTracker(self, self._parameters.allow_empty_scene)
-        self._robot_source = RobotSource(self, self._parameters, self._world.set_robot, self.note_error)
-        self._guide = RemoteGuide(self, self._parameters.inference_timeout)
+        self._in_flight = 0
+        self._world = WorldTracker(self, self._settings.allow_empty_scene)
+        self.release_with(self._world.close)
+        self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
+        self.release_with(self._robot_source.close)
+        self._guide = RemoteGuide(self, self._settings.inference_timeout)
+        self.release_with(self._guide.close)
         self._trajectory_publisher = self.create_publisher(JointTrajectory, "trajectory", LATCHED)
+        self.release_with(self.destroy_publisher, self._trajectory_publisher)
         self._marker_publisher = self.create_publisher(MarkerArray, "plan_markers", LATCHED)
-        self._joint_subscription = self.create_subscription(
-            JointState, "joint_states", self._on_joint_states, 10, callback_group=MutuallyExclusiveCallbackGroup()
+        self.release_with(self.destroy_publisher, self._marker_publisher)
+        joint_states = self.create_subscription(
+            JointState,
+            "joint_states",
+            self._on_joint_states,
+            qos_profile_sensor_data,
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
+        self.release_with(self.destroy_subscription, joint_states)
         group = ReentrantCallbackGroup()
-        self._service = self.create_service(Plan, "plan", self._on_plan, callback_group=group)
-        self._action = ActionServer(
+        service = self.create_service(Plan, "plan", self._on_plan, callback_group=group)
+        self.release_with(self.destroy_service, service)
+        action = ActionServer(
             self,
             PlanMotion,
             "plan_motion",
             self._on_plan_motion,
             callback_group=group,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+            result_timeout=RESULT_TIMEOUT,
         )
+        self.release_with(action.destroy)
+        # Released first: every request is answered while the services are still there.
+        self._jobs: PlanJobs[PlanResponse] = PlanJobs(self._settings.workers, self._settings.queue_size)
+        self.release_with(self._finish_jobs)
 
-    def teardown(self) -> None:
-        self._stopping.set()
-        self._workers.shutdown(wait=True, cancel_futures=True)
-        self._action.destroy()
-        self.destroy_service(self._service)
-        self.destroy_subscription(self._joint_subscription)
-        self.destroy_publisher(self._trajectory_publisher)
-        self.destroy_publisher(self._marker_publisher)
-        self._guide.close()
-        self._robot_source.close()
-        self._world.close()
+    def _finish_jobs(self) -> None:
+        """Cancel what runs and waits, and let the executor send the answers."""
+        self._jobs.stop()
+        end = time.monotonic() + ANSWER_SECONDS
+        while self._in_flight and time.monotonic() < end:
+            time.sleep(0.01)
+        # The last answer is sent right after its coroutine has ended.
+        time.sleep(0.05)
 
     def diagnostic_values(self) -> dict[str, object]:
         return {"scene_revision": self._world.revision, "plans": self._plans, "failures": self._failures}
 
-    def destroy_node(self) -> None:
-        # Worker threads must not outlive the node that they log to.
-        if hasattr(self, "_stopping"):
-            self._stopping.set()
-            self._workers.shutdown(wait=True, cancel_futures=True)
-        super().destroy_node()
-
     def _on_joint_states(self, message: JointState) -> None:
         with self._joint_lock:
-            self._joint_states.update(zip(message.name, message.position, strict=False))
+            now = time.monotonic()
+            for name, position in zip(message.name, message.position, strict=False):
+                self._joint_states[name] = (position, now)
+
+    def _recent_joint_states(self) -> dict[str, float]:
+        oldest = time.monotonic() - (self._settings.joint_state_max_age or float("inf"))
+        with self._joint_lock:
+            return {name: position for name, (position, when) in self._joint_states.items() if when >= oldest}
 
     async def _on_plan(self, request: Plan.Request, response: Plan.Response) -> Plan.Response:
-        response.response = await self._in_worker(lambda: self._plan(request.request, self._stopping.is_set, None))
+        response.response = await self._submit(request.request, lambda: False, None)
         return response
 
     async def _on_plan_motion(self, goal: ServerGoalHandle) -> PlanMotion.Result:
-        def cancelled() -> bool:
-            return bool(goal.is_cancel_requested) or self._stopping.is_set()
-
         def on_progress(progress: Progress) -> None:
             goal.publish_feedback(
                 PlanMotion.Feedback(
@@ -169,28 +188,33 @@ class PlannerNode(PlannerSuiteNode):
                 )
             )
 
-        request = goal.request.request
-        response = await self._in_worker(lambda: self._plan(request, cancelled, on_progress))
+        response = await self._submit(goal.request.request, lambda: bool(goal.is_cancel_requested), on_progress)
         if response.error_code == ErrorCode.SUCCESS:
             goal.succeed()
-        elif response.error_code == ErrorCode.PREEMPTED and goal.is_cancel_requested:
+        elif goal.is_cancel_requested:
             goal.canceled()
         else:
             goal.abort()
         return PlanMotion.Result(response=response)
 
-    def _in_worker(self, work: Callable[[], PlanResponse]) -> Future:
-        """A future of the executor for work done in a worker thread."""
-        executor = self.executor
-        future = Future(executor=executor)
+    async def _submit(
+        self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
+    ) -> PlanResponse:
+        """The answer to a request, made in a thread of its own."""
 
-        def do() -> None:
-            # `_plan` raises nothing: every failure is an answer.
-            future.set_result(work())
-            executor.wake()
+        def ended() -> bool:
+            return cancelled() or self._jobs.is_stopping
 
-        self._workers.submit(do)
-        return future
+        self._in_flight += 1
+        try:
+            return await self._jobs.submit(
+                self.executor,
+                lambda: self._plan(request, ended, on_progress),
+                lambda error: self._refusal(error, request, None),
+                cancelled,
+            )
+        finally:
+            self._in_flight -= 1
 
     def _plan(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
@@ -199,13 +223,14 @@ class PlannerNode(PlannerSuiteNode):
         self._plans += 1
         world: World | None = None
         try:
-            world = self._world.current(int(request.scene_revision), SCENE_PATIENCE)
-            with self._joint_lock:
-                joint_states = dict(self._joint_states)
-            problem = problem_from_msg(request, world.robot, joint_states)
-            options = options_from_msg(request, self._defaults, self._parameters.max_seconds)
+            self.require_active()
+            if cancelled():
+                raise PlanningCancelledError
+            world = self._world.current(int(request.scene_revision), SCENE_PATIENCE, cancelled)
+            problem = problem_from_msg(request, world.robot, self._recent_joint_states())
+            options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
-            result = world.planner.solve(plan, self._guidance(world, plan))
+            result = world.planner.solve(plan, self._guidance(world, plan, cancelled))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             return self._refusal(error, request, world)
         response = response_from_result(result, world.robot)
@@ -216,14 +241,14 @@ class PlannerNode(PlannerSuiteNode):
         self._marker_publisher.publish(plan_markers(world.robot, result))
         return response
 
-    def _guidance(self, world: World, plan: PreparedPlan) -> Guidance:
+    def _guidance(self, world: World, plan: PreparedPlan, cancelled: Callable[[], bool]) -> Guidance:
         """From the inference node; else exact keypoints found here; else uniform. The answer says which and why."""
-        if plan.options.sampler_id == "uniform" or not self._parameters.use_inference:
+        if plan.options.sampler_id == "uniform" or not self._settings.use_inference:
             return world.planner.guide(plan)
         plan.search.report("guidance")
         try:
             return self._guide.guide(
-                plan.start, plan.goals, world.revision, plan.seed or 1, 0.5 * plan.budget.remaining
+                plan.start, plan.goals, world.revision, plan.seed or 1, 0.5 * plan.budget.remaining, cancelled
             )
         except InferenceUnavailableError as error:
             local = world.planner.guide(plan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.lifecycle import LifecycleNode
 
+from bsp_informed_planner.errors import PlanningCancelledError
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import ErrorCode
+from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.sampling.keypoint_guide import SAMPLER_ID
 from bsp_informed_planner.scene.pose import FloatArray
@@ -52,7 +55,15 @@ class RemoteGuide:
         self._node.destroy_client(self._estimate)
         self._node.destroy_client(self._sample)
 
-    def guide(self, start: FloatArray, goals: FloatArray, revision: int, seed: int, seconds: float) -> Guidance:
+    def guide(
+        self,
+        start: FloatArray,
+        goals: FloatArray,
+        revision: int,
+        seed: int,
+        seconds: float,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> Guidance:
         """Chains and a sampler for one problem.
 
         Args:
@@ -61,11 +72,14 @@ class RemoteGuide:
             revision: of the scene that the guidance must be for.
             seed: of the samples.
             seconds: longest wait [s].
+            cancelled: asked while waiting.
 
         Raises:
             InferenceUnavailableError: saying why there is none.
+            PlanningCancelledError: cancelled while waiting.
         """
         begin = time.monotonic()
+        end = begin + min(seconds, self._timeout)
         request = EstimateKeypoints.Request(
             start=float64_field(start),
             goals=float64_field(goals),
@@ -74,52 +88,94 @@ class RemoteGuide:
             seed=seed,
             scene_revision=revision,
         )
-        answer = self._call(self._estimate, request, min(seconds, self._timeout))
-        table = rows(answer.configurations, int(answer.joints), "configurations")
-        points = np.array([(point.x, point.y, point.z) for point in answer.keypoints]).reshape(-1, 3)
-        offsets = list(answer.chain_offsets)
-        chains = tuple(
-            ConfigurationChain(table[first:last], points[first:last])
-            for first, last in zip(offsets[:-1], offsets[1:], strict=True)
-        )
+        answer = self._call(self._estimate, request, end, cancelled)
+        chains, offsets = _chains(answer, len(start))
         template = SampleConfigurations.Request(
-            configurations=float64_field(table),
+            configurations=answer.configurations,
             joints=len(start),
-            chain_offsets=uint32_field(np.array(offsets)),
+            chain_offsets=uint32_field(offsets),
             count=BATCH,
             seed=seed,
             scene_revision=revision,
         )
-        first = self._call(self._sample, template, max(self._timeout - (time.monotonic() - begin), 0.01))
-        sampler = RemoteSampler(self._sample, template, rows(first.samples, len(start), "samples"))
+        first = _samples(self._call(self._sample, template, end, cancelled), len(start))
+        sampler = RemoteSampler(self._sample, template, first)
         return Guidance(SAMPLER_ID, chains, sampler, seconds=time.monotonic() - begin)
 
-    def _call(self, client: Client, request: Any, seconds: float) -> Any:
+    def _call(self, client: Client, request: Any, end: float, cancelled: Callable[[], bool] | None) -> Any:
         """Wait for an answer: in a worker thread, while the executor's threads go on."""
-        begin = time.monotonic()
+        while True:
+            answer = self._call_once(client, request, end, cancelled)
+            if answer.error_code not in _BEHIND or time.monotonic() + RETRY_SECONDS >= end:
+                break
+            # The scene reached this node first; it is on its way to the other.
+            time.sleep(RETRY_SECONDS)
+        if answer.error_code != ErrorCode.SUCCESS:
+            raise InferenceUnavailableError(f"{client.srv_name}: {answer.message}")
+        return answer
+
+    def _call_once(self, client: Client, request: Any, end: float, cancelled: Callable[[], bool] | None) -> Any:
         if not client.service_is_ready():
             raise InferenceUnavailableError(f"service {client.srv_name} is not there")
         future = client.call_async(request)
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())
-        if not done.wait(seconds):
-            client.remove_pending_request(future)
-            raise InferenceUnavailableError(f"service {client.srv_name} did not answer within {seconds:.2f} s")
+        while not done.wait(min(CANCEL_PERIOD, max(end - time.monotonic(), 0.0))):
+            late = time.monotonic() >= end
+            if late or (cancelled is not None and cancelled()):
+                client.remove_pending_request(future)
+                if late:
+                    raise InferenceUnavailableError(f"service {client.srv_name} did not answer in time")
+                raise PlanningCancelledError
         answer = future.result()
-        if answer.error_code in _BEHIND and begin + seconds - time.monotonic() > RETRY_SECONDS:
-            # The scene reached this node first; it is on its way to the other.
-            time.sleep(RETRY_SECONDS)
-            return self._call(client, request, begin + seconds - time.monotonic())
-        if answer.error_code != ErrorCode.SUCCESS:
-            raise InferenceUnavailableError(f"{client.srv_name}: {answer.message}")
+        if answer is None:
+            raise InferenceUnavailableError(f"service {client.srv_name} gave no answer")
         return answer
+
+
+def _chains(answer: EstimateKeypoints.Response, joints: int) -> tuple[tuple[ConfigurationChain, ...], np.ndarray]:
+    """Chains and offsets of an answer.
+
+    Raises:
+        InferenceUnavailableError: if they do not fit together, or are not finite.
+    """
+    try:
+        table = rows(answer.configurations, joints, "configurations")
+        offsets = np.array(answer.chain_offsets, dtype=np.int64)
+        points = np.array([(point.x, point.y, point.z) for point in answer.keypoints]).reshape(-1, 3)
+        if answer.joints != joints or len(points) != len(table) or not np.isfinite(table).all():
+            raise ValueError(f"{len(table)} configurations of {answer.joints} joints, {len(points)} keypoints")
+        if len(offsets) < 2 or offsets[0] != 0 or offsets[-1] != len(table) or (np.diff(offsets) < 2).any():
+            raise ValueError(f"offsets {offsets.tolist()} for {len(table)} configurations")
+    except ValueError as error:
+        raise InferenceUnavailableError(f"estimate_keypoints answered nonsense: {error}") from error
+    chains = tuple(
+        ConfigurationChain(table[first:last], points[first:last])
+        for first, last in zip(offsets[:-1], offsets[1:], strict=True)
+    )
+    return chains, offsets
+
+
+def _samples(answer: SampleConfigurations.Response, joints: int) -> FloatArray:
+    """Samples of an answer, (k, joints), k >= 1.
+
+    Raises:
+        InferenceUnavailableError: if they are none.
+    """
+    try:
+        table = rows(answer.samples, joints, "samples")
+        if answer.joints != joints or not len(table) or not np.isfinite(table).all():
+            raise ValueError(f"{len(table)} samples of {answer.joints} joints")
+    except ValueError as error:
+        raise InferenceUnavailableError(f"sample_configurations answered nonsense: {error}") from error
+    return table
 
 
 class RemoteSampler:
     """Samples drawn by the inference node, asked for ahead and in batches.
 
-    A search never waits for them: while a batch is on its way, or the inference node is gone, those at hand are drawn
-    again, moved a little.
+    A search waits for a batch only for moments; when the inference node is gone, the samples at hand are drawn again,
+    moved a little. While it is there, the same seed gives the same samples.
 
     Args:
         client: of `sample_configurations`.
@@ -127,7 +183,9 @@ class RemoteSampler:
         pool: (k, n) the first batch, k >= 1.
     """
 
-    #: Relative to the spread of the pool.
+    #: Longest wait for a batch that is on its way [s].
+    PATIENCE = 0.05
+    #: Of samples that are drawn again, relative to the spread of the pool.
     JITTER = 0.1
 
     def __init__(self, client: Client, template: SampleConfigurations.Request, pool: FloatArray) -> None:
@@ -135,43 +193,55 @@ class RemoteSampler:
         self._template = template
         self._pool = pool
         self._next = 0
+        self._batches = 1
         self._pending = False
-        self._lock = threading.Lock()
+        self._changed = threading.Condition()
+        self._request_more()
 
     def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
-        with self._lock:
+        with self._changed:
+            if len(self._pool) - self._next < count:
+                self._changed.wait_for(lambda: not self._pending, self.PATIENCE)
             fresh = self._pool[self._next : self._next + count]
             self._next += len(fresh)
-            low = len(self._pool) - self._next < count
             pool = self._pool
+            low = len(self._pool) - self._next < BATCH
         if low:
-            self._request_more(rng)
+            self._request_more()
         if len(fresh) == count:
             return fresh.copy()
         again = pool[rng.integers(len(pool), size=count - len(fresh))]
         again = again + rng.normal(size=again.shape) * self.JITTER * pool.std(axis=0)
         return np.concatenate((fresh, again))
 
-    def _request_more(self, rng: np.random.Generator) -> None:
-        with self._lock:
+    def _request_more(self) -> None:
+        with self._changed:
             if self._pending or not self._client.service_is_ready():
                 return
             self._pending = True
+            # Seeds of their own: the planner's generator must not depend on when answers arrive.
+            seed = int(np.random.SeedSequence([self._template.seed, self._batches]).generate_state(1)[0]) or 1
+            self._batches += 1
         request = SampleConfigurations.Request(
             configurations=self._template.configurations,
             joints=self._template.joints,
             chain_offsets=self._template.chain_offsets,
             count=BATCH,
-            seed=int(rng.integers(1, 2**32)),
+            seed=seed,
             scene_revision=self._template.scene_revision,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
 
     def _on_answer(self, future: Any) -> None:
         answer = future.result()
-        with self._lock:
+        with self._changed:
             self._pending = False
-            if answer is not None and answer.error_code == ErrorCode.SUCCESS:
-                batch = np.asarray(answer.samples, dtype=np.float64).reshape(-1, self._pool.shape[1])
-                self._pool = np.concatenate((self._pool[self._next :], batch))
-                self._next = 0
+            self._changed.notify_all()
+            if answer is None or answer.error_code != ErrorCode.SUCCESS:
+                return
+            try:
+                batch = _samples(answer, self._pool.shape[1])
+            except InferenceUnavailableError:
+                return
+            self._pool = np.concatenate((self._pool[self._next :], batch))
+            self._next = 0

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
 
-from bsp_informed_planner.errors import RobotError
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.robots.arm import load_arm
 from bsp_informed_planner.robots.demo_arms import ur5
+from bsp_informed_planner.robots.locked import parse_locked_joints
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.robots.robot import Robot
 
@@ -30,6 +30,7 @@ class RobotParameters:
     package_dirs: str = parameter(
         "", "Folders in which package:// addresses of meshes are looked up, separated by ':', before those of ROS."
     )
+    locked_joints: str = parameter("", "Joints that are held still: NAME=VALUE,NAME=VALUE [rad or m].")
     tool_frame: str = parameter("", "Frame whose origin passes the keypoints; empty: chosen from the description.")
 
 
@@ -78,6 +79,7 @@ class RobotSource:
             self._parameters.robot_description_semantic or None,
             package_dirs=self._package_dirs(),
             tool_frame=self._parameters.tool_frame or None,
+            locked_joints=parse_locked_joints(self._parameters.locked_joints),
         )
 
     def _package_dirs(self) -> list[str]:
@@ -89,7 +91,7 @@ class RobotSource:
     def _on_description(self, message: String) -> None:
         try:
             robot = self._load(message.data)
-        except RobotError as error:
+        except Exception as error:  # noqa: BLE001 -- a message must not end the node
             self._on_error(f"robot_description: {error}")
             return
         self._on_robot(robot)

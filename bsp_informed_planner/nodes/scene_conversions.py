@@ -9,15 +9,28 @@ from bsp_informed_planner_msgs.msg import Obstacle as ObstacleMsg
 from bsp_informed_planner_msgs.msg import ObstacleScene
 from geometry_msgs.msg import Point as PointMsg
 from geometry_msgs.msg import Pose as PoseMsg
+from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh as MeshMsg
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 from shape_msgs.msg import Plane as PlaneMsg
 
-from bsp_informed_planner.errors import InvalidObstacleError
+from bsp_informed_planner.errors import InvalidObstacleError, UnknownFrameError
+from bsp_informed_planner.nodes.cloud_conversions import cloud_points, cloud_to_msg
 from bsp_informed_planner.scene.diff import ObstacleOperation, OperationKind, SceneDiff
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, Cone, ConvexMesh, Cylinder, HalfSpace, Mesh, Shape, Sphere
+from bsp_informed_planner.scene.shapes import (
+    CLOUD_RESOLUTION,
+    Box,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
 
 #: Largest message that is read: beyond it, a mistake is likelier than an intent.
 MAX_OBSTACLES = 10_000
@@ -71,18 +84,25 @@ def bounds_from_msg(message: ObstacleScene) -> WorkspaceBounds | None:
     return WorkspaceBounds(np.array(values[0]), np.array(values[1]))
 
 
-def diff_from_msg(message: ObstacleScene) -> SceneDiff:
+def diff_from_msg(message: ObstacleScene, frame: str = "") -> SceneDiff:
     """The operations of a scene message.
+
+    Args:
+        message: whole or a change.
+        frame: the scene's, where the message names none; known to the reader.
 
     Raises:
         InvalidObstacleError: naming the obstacle and what is wrong with it.
+        UnknownFrameError: if a point cloud is in another frame than the scene.
     """
     if len(message.obstacles) > MAX_OBSTACLES:
         raise InvalidObstacleError("*", f"{len(message.obstacles)} obstacles: at most {MAX_OBSTACLES} are read")
-    return SceneDiff(tuple(_operation_from_msg(obstacle) for obstacle in message.obstacles))
+    return SceneDiff(
+        tuple(_operation_from_msg(obstacle, message.header.frame_id or frame) for obstacle in message.obstacles)
+    )
 
 
-def _operation_from_msg(message: ObstacleMsg) -> ObstacleOperation:
+def _operation_from_msg(message: ObstacleMsg, frame: str) -> ObstacleOperation:
     # `byte` fields arrive as bytes of length one.
     code = message.operation if isinstance(message.operation, bytes) else bytes([message.operation])
     operation = _OPERATIONS.get(code)
@@ -94,14 +114,14 @@ def _operation_from_msg(message: ObstacleMsg) -> ObstacleOperation:
             return ObstacleOperation.remove(message.id)
         if operation is OperationKind.MOVE:
             return ObstacleOperation.move(message.id, pose)
-        shapes = _shapes_from_msg(message)
+        shapes = _shapes_from_msg(message, frame)
     except ValueError as error:
         raise InvalidObstacleError(message.id, str(error)) from error
     obstacle = Obstacle(message.id, shapes, pose)
     return ObstacleOperation.add(obstacle) if operation is OperationKind.ADD else ObstacleOperation.append(obstacle)
 
 
-def _shapes_from_msg(message: ObstacleMsg) -> tuple[tuple[Shape, Pose], ...]:
+def _shapes_from_msg(message: ObstacleMsg, frame: str) -> tuple[tuple[Shape, Pose], ...]:
     shapes: list[tuple[Shape, Pose]] = []
 
     def extend(kind: str, items: Sequence[object], poses: Sequence[PoseMsg], convert: Callable[..., Shape]) -> None:
@@ -116,6 +136,12 @@ def _shapes_from_msg(message: ObstacleMsg) -> tuple[tuple[Shape, Pose], ...]:
     extend("primitives", message.primitives, message.primitive_poses, _primitive_from_msg)
     extend("meshes", message.meshes, message.mesh_poses, _mesh_from_msg)
     extend("planes", message.planes, message.plane_poses, _plane_from_msg)
+    resolutions = _resolutions(message)
+    clouds = [
+        point_cloud_from_msg(cloud, resolution, frame)
+        for cloud, resolution in zip(message.point_clouds, resolutions, strict=True)
+    ]
+    extend("point clouds", clouds, message.point_cloud_poses, lambda cloud: cloud)
     return tuple(shapes)
 
 
@@ -152,6 +178,33 @@ def _plane_from_msg(message: PlaneMsg) -> HalfSpace:
     return HalfSpace(np.array(message.coef[:3]), float(message.coef[3]))
 
 
+def _resolutions(message: ObstacleMsg) -> list[float]:
+    """The edge of the voxels of each point cloud [m]."""
+    given, count = list(message.point_cloud_resolutions), len(message.point_clouds)
+    if len(given) <= 1:
+        given = count * (given or [0.0])
+    if len(given) != count:
+        raise ValueError(f"{count} point clouds but {len(given)} resolutions for them")
+    return [value or CLOUD_RESOLUTION for value in given]
+
+
+def point_cloud_from_msg(message: PointCloud2, resolution: float = CLOUD_RESOLUTION, frame: str = "") -> PointCloud:
+    """A point cloud; of the points in a voxel only the first, which changes nothing of the body.
+
+    Args:
+        message: see `cloud_points`.
+        resolution: edge of the voxels [m].
+        frame: of the scene, in which the cloud must be if it names a frame.
+
+    Raises:
+        UnknownFrameError: if it names another frame.
+        ValueError: if it is no point cloud, or too large.
+    """
+    if message.header.frame_id not in ("", frame):
+        raise UnknownFrameError(message.header.frame_id, [frame] if frame else [])
+    return PointCloud(cloud_points(message), resolution).thinned()
+
+
 def scene_to_msg(scene: Scene) -> ObstacleScene:
     """A whole scene as a message; its stamp is left to the caller."""
     message = ObstacleScene()
@@ -173,6 +226,10 @@ def obstacle_to_msg(obstacle: Obstacle) -> ObstacleMsg:
         elif isinstance(shape, HalfSpace):
             message.planes.append(PlaneMsg(coef=[*shape.normal.tolist(), shape.offset]))
             message.plane_poses.append(pose_to_msg(pose))
+        elif isinstance(shape, PointCloud):
+            message.point_clouds.append(cloud_to_msg(shape.points))
+            message.point_cloud_poses.append(pose_to_msg(pose))
+            message.point_cloud_resolutions.append(shape.resolution)
         else:
             message.primitives.append(_primitive_to_msg(shape))
             message.primitive_poses.append(pose_to_msg(pose))

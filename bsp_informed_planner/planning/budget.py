@@ -62,14 +62,18 @@ class Budget:
         self.valid_samples += part.valid_samples
         self.edges_checked += part.edges_checked
 
+    def check_cancelled(self) -> None:
+        """Raises PlanningCancelledError if the caller has cancelled."""
+        if self._cancelled():
+            raise PlanningCancelledError
+
     def is_spent(self) -> bool:
         """Whether time or samples are used up.
 
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        if self._cancelled():
-            raise PlanningCancelledError
+        self.check_cancelled()
         return not self.samples_left or time.monotonic() >= self._end
 
     def is_out_of_time(self) -> bool:
@@ -78,6 +82,5 @@ class Budget:
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        if self._cancelled():
-            raise PlanningCancelledError
+        self.check_cancelled()
         return time.monotonic() >= self._end

@@ -12,7 +12,7 @@ def path_length(path: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-def without_repeats(path: FloatArray, tolerance: float = 1e-9) -> FloatArray:
+def without_repeats(path: FloatArray, tolerance: float = 1e-7) -> FloatArray:
     """The path without configurations that repeat their predecessor; its ends stay."""
     keep = np.ones(len(path), dtype=bool)
     keep[1:] = np.linalg.norm(np.diff(path, axis=0), axis=1) > tolerance

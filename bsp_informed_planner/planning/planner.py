@@ -6,7 +6,7 @@ import logging
 import secrets
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,9 +16,11 @@ from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import (
+    InvalidOptionError,
     KeypointsUnavailableError,
     PlanningFailedError,
     PlanningTimeoutError,
+    RobotDescriptionError,
     SamplesExhaustedError,
     UnknownFrameError,
     UnknownPlannerError,
@@ -80,6 +82,22 @@ class PreparedPlan:
     search: Search
 
 
+def _fitting(guidance: Guidance, plan: PreparedPlan) -> Guidance:
+    """Guidance without the chains that do not lead from the start to one of the goals, with the reason."""
+
+    def fits(configurations: FloatArray) -> bool:
+        start, goal = configurations[0], configurations[-1]
+        return bool(np.array_equal(start, plan.start) and (goal == plan.goals).all(axis=1).any())
+
+    chains = tuple(chain for chain in guidance.chains if fits(chain.configurations))
+    if len(chains) == len(guidance.chains):
+        return guidance
+    foreign = len(guidance.chains) - len(chains)
+    reason = f"{foreign} of {len(guidance.chains)} chains dropped: a chain starts elsewhere, or ends at no goal"
+    logger.warning(reason)
+    return replace(guidance, chains=chains, fallback_reason="; ".join(filter(None, (guidance.fallback_reason, reason))))
+
+
 class Planner:
     """Plans for one robot in one scene.
 
@@ -95,6 +113,8 @@ class Planner:
 
     Raises:
         UnknownFrameError: if the scene is not given in the root frame of the robot.
+        RobotDescriptionError: if the robot has no collision geometry.
+        InvalidOptionError: if the decomposition is of another scene, or of another dimension than the robot's.
         SceneError: if a shape of an obstacle has no volume.
 
     Example:
@@ -114,7 +134,15 @@ class Planner:
         decomposition_options: DecompositionOptions | None = None,
     ) -> None:
         if scene.frame != robot.root_frame:
-            raise UnknownFrameError(scene.frame, [robot.root_frame])
+            raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
+        if not robot.collision_model.ngeoms:
+            raise RobotDescriptionError(f"robot '{robot.name}' has no collision geometry: nothing could be checked")
+        if decomposition is not None:
+            of = (decomposition.dimension, decomposition.frame, decomposition.scene_revision)
+            if of != (robot.workspace_dimension, scene.frame, scene.revision):
+                raise InvalidOptionError(
+                    "decomposition", of, f"dimension {robot.workspace_dimension}, frame and revision of the scene"
+                )
         ensure_compiled()
         self.robot = robot
         self.scene = scene
@@ -167,6 +195,7 @@ class Planner:
             UnknownPlannerError, UnknownSamplerError: an id that does not exist.
             ProblemError: start or goal are not usable; its subclass says how.
             PlanningTimeoutError, SamplesExhaustedError: no verified path with the time or samples allowed.
+            TrajectoryTimingError: a path, but no timing of it.
             PlanningCancelledError: the caller has cancelled.
         """
         plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
@@ -226,15 +255,18 @@ class Planner:
             PlanningTimeoutError, SamplesExhaustedError, PlanningCancelledError: see `plan`.
         """
         options, budget, search = plan.options, plan.budget, plan.search
+        guidance = _fitting(guidance, plan)
         last = CertifyingChecker(plan.search_checker, search.verification_resolution)
         path = search.run(plan.search_checker, last, plan.start, plan.goals, guidance)
         if path is None:
             if not budget.samples_left:
                 raise SamplesExhaustedError(budget.samples)
             raise PlanningTimeoutError(options.allowed_seconds, budget.samples)
+        if not np.array_equal(path[0], plan.start) or not (path[-1] == plan.goals).all(axis=1).any():
+            raise PlanningFailedError("the search returned a path between other states than start and goal")
         search.report("timing")
         judge = CertifyingChecker(plan.checker, search.verification_resolution)
-        trajectory, verdict = self._timed(path, judge, options)
+        trajectory, verdict = self._timed(path, judge, plan)
         search.report("done")
         return PlanResult(
             path=path,
@@ -249,17 +281,19 @@ class Planner:
             statistics=self._statistics(plan.seed, search, guidance, last.checks + judge.checks),
         )
 
-    def _timed(self, path: FloatArray, judge: CertifyingChecker, options: PlanOptions) -> tuple[Trajectory, Verdict]:
+    def _timed(self, path: FloatArray, judge: CertifyingChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
         """Time a verified path, its corners as round as they can be while it stays certified, if the path is.
 
         Raises:
             PlanningFailedError: if states of the path that were not checked before turn out to collide.
         """
+        options = plan.options
         deviation = options.blend_deviation
         if deviation is None:
             deviation = default_blend_deviation(self.robot)
         fallback: tuple[Trajectory, Verdict] | None = None
         for allowed in (deviation, deviation / 4.0, deviation / 16.0, 0.0):
+            plan.budget.check_cancelled()
             trajectory = time_path(
                 path,
                 self.robot.velocity_limits * options.velocity_scaling,

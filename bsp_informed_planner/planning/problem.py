@@ -68,7 +68,7 @@ class PlanOptions:
             touch, it is checked at states between which no point of the robot moves further than this [m]; None:
             a 96th of the default above.
         padding: distance to keep from obstacles [m].
-        velocity_scaling, acceleration_scaling: fractions of the robot's limits to use, in (0, 1].
+        velocity_scaling, acceleration_scaling: fractions of the robot's limits to use, in [0.01, 1].
         blend_deviation: how far the timed path may leave the corners of the planned one [rad or m]; where that is not
             free, it gets closer, and stops in the corner at last. None: 0.05 rad, or 0.5 % of the diagonal of its space
             for a robot that only slides.
@@ -103,8 +103,9 @@ class PlanOptions:
             require(name, bool(np.isfinite(value)) and 0.0 < value <= most, f"a number in (0, {most:g}]")
 
         positive("allowed_seconds", 3600.0)
-        positive("velocity_scaling", 1.0)
-        positive("acceleration_scaling", 1.0)
+        for name in ("velocity_scaling", "acceleration_scaling"):
+            value = getattr(self, name)
+            require(name, bool(np.isfinite(value)) and 0.01 <= value <= 1.0, "a number in [0.01, 1]")
         positive("time_step", 1.0)
         require("uniform_fraction", 0.0 <= self.uniform_fraction <= 1.0, "a number in [0, 1]")
         require("padding", bool(np.isfinite(self.padding)) and 0.0 <= self.padding <= 1.0, "a number in [0, 1] m")
@@ -180,7 +181,7 @@ class PlanStatistics:
     candidates: int = 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlanResult:
     """A verified path.
 
@@ -205,3 +206,10 @@ class PlanResult:
     verification_resolution: float
     scene_revision: int
     statistics: PlanStatistics = field(default_factory=lambda: PlanStatistics(seed=0))
+
+    def __repr__(self) -> str:
+        proof = "certified" if self.certified else "checked"
+        return (
+            f"PlanResult({proof}, cost {self.cost:.3f}, {len(self.path)} waypoints, {self.trajectory.duration:.2f} s, "
+            f"sampler {self.guidance.sampler_id}, first path after {self.statistics.first_solution_seconds:.3f} s)"
+        )

@@ -71,7 +71,7 @@ class RrtStar:
                 point = end if piece == pieces else begin + piece / pieces * (end - begin)
                 node = self.tree.add(point, node)
         for index, goal in enumerate(self._goals):
-            if np.allclose(goal, path[-1], atol=1e-9):
+            if np.abs(goal - path[-1]).max() < 1e-9:
                 self._goal_nodes[index] = node
         self.best_cost = min(self.best_cost, float(self.tree.costs[node]))
 
@@ -119,9 +119,10 @@ class RrtStar:
                 if stop_at_first:
                     break
                 # A new subset costs a QR for each goal and the rest of the batch: only for a gain worth it.
-                if self._rewire and cost < 0.99 * informed_cost:
-                    informed_cost = cost
-                    stream.redirect(self._informed(cost))
+                # `on_improvement` may have inserted a still shorter path.
+                if self._rewire and self.best_cost < 0.99 * informed_cost:
+                    informed_cost = self.best_cost
+                    stream.redirect(self._informed(informed_cost))
         return self._best_path() if self._goal_nodes else None
 
     def _informed(self, cost: float) -> Sampler:

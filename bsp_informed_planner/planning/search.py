@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 
 #: A path this much longer than the straight line, relatively, cannot be improved on.
 OPTIMALITY_TOLERANCE = 1e-6
+#: Start and goal nearer than this in every joint are joined by an edge, whatever the planner [rad or m].
+SAME_STATE = 1e-6
 #: A path is worth verifying when it is this much shorter than the best verified one.
 WORTH_VERIFYING = 0.99
 #: Share of the time for improvement that goes into restarts; the rest goes into RRT*.
@@ -53,13 +55,40 @@ class Progress:
 def sampling_bounds(robot: Robot, start: FloatArray, goals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The box in which uniform samples are drawn: (lower, upper), each (n,).
 
-    The joint limits; but joints that can turn further than once are kept within half a turn beyond start and goals.
-    Every posture is still in the box, some of them in fewer of their windings.
+    The joint limits; but joints that can turn further than once are kept within half a turn beyond start and goals, or
+    further to one side where a limit cuts the other off. Every posture is still in the box, some in fewer windings.
     """
     states = np.vstack((start[None], goals))
-    lower = np.maximum(robot.lower, states.min(axis=0) - np.pi)
-    upper = np.minimum(robot.upper, states.max(axis=0) + np.pi)
+    low, high = states.min(axis=0) - np.pi, states.max(axis=0) + np.pi
+    lower = np.maximum(robot.lower, low - np.maximum(high - robot.upper, 0.0))
+    upper = np.minimum(robot.upper, high + np.maximum(robot.lower - low, 0.0))
     return np.where(robot.revolute, lower, robot.lower), np.where(robot.revolute, upper, robot.upper)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSpace:
+    """What is searched.
+
+    Attributes:
+        start: (n,) free.
+        goals: (k, n) free, the nearest first.
+        sampler: where samples come from.
+        uniform: over the box in which they are drawn.
+        last: the last check of paths.
+    """
+
+    start: FloatArray
+    goals: FloatArray
+    sampler: Sampler
+    uniform: UniformSampler
+    last: CertifyingChecker
+
+    def rrt_star(self, checker: CollisionChecker, max_step: float, budget: Budget, rewire: bool = True) -> RrtStar:
+        """A tree of its own in this space."""
+        box = self.uniform
+        return RrtStar(
+            checker, self.start, self.goals, self.sampler, box.lower, box.upper, max_step, budget, rewire=rewire
+        )
 
 
 class Search:
@@ -107,7 +136,7 @@ class Search:
     def run(
         self,
         checker: CollisionChecker,
-        fine: CertifyingChecker,
+        last: CertifyingChecker,
         start: FloatArray,
         goals: FloatArray,
         guidance: Guidance,
@@ -116,7 +145,7 @@ class Search:
 
         Args:
             checker: the exact check, for searching.
-            fine: the last check of paths.
+            last: the last check of paths.
             start: (n,) free.
             goals: (k, n) free, the nearest first.
             guidance: chains and sampler.
@@ -133,102 +162,80 @@ class Search:
         if guidance.sampler is not None:
             informed = ClippedSampler(guidance.sampler, self._robot.lower, self._robot.upper)
             sampler = with_uniform_fraction(informed, uniform, self._options.uniform_fraction)
+        space = SearchSpace(start, goals, sampler, uniform, last)
         search: CollisionChecker = FineChecker(checker, self.search_resolution)
         path: FloatArray | None = None
         while path is None and not self.budget.is_spent():
-            found = self._first(search, start, goals, guidance, sampler, uniform)
+            found = self._first(search, space, guidance)
             if found is None:
                 return None
-            path = self._verified(found, fine)
-            if path is None and search is fine:
+            path = self._verified(found, last)
+            if path is None and search is last:
                 # Every edge passed this very check, so only time can have ended a repair.
                 return None
-            # What the coarse check let through will come back: search on with the fine one.
-            search = fine
+            # What the coarse check let through will come back: search on with the last one.
+            search = last
         if path is None:
             return None
-        self._record(path)
+        if not self.costs:
+            self._record(path)
         if self._options.planner_id == "anytime" and not self._options.first_solution:
-            path = self._improved(path, search, fine, start, goals, sampler, uniform)
+            path = self._improved(path, search, space)
         return path
 
-    def _first(
-        self,
-        checker: CollisionChecker,
-        start: FloatArray,
-        goals: FloatArray,
-        guidance: Guidance,
-        sampler: Sampler,
-        uniform: UniformSampler,
-    ) -> FloatArray | None:
+    def _first(self, checker: CollisionChecker, space: SearchSpace, guidance: Guidance) -> FloatArray | None:
         """A first path at the search's resolution, shortened unless the planner is a plain one."""
         self.report("searching")
+        nearest = space.goals[int(np.argmin(np.linalg.norm(space.goals - space.start, axis=1)))]
+        if np.abs(nearest - space.start).max() < SAME_STATE:
+            self._found()
+            return np.array([space.start, nearest])
         if self._options.planner_id in ("rrt_star", "rrt"):
-            return self._plain(checker, start, goals, sampler, uniform)
-        for goal in goals:
+            return self._plain(checker, space)
+        for goal in space.goals:
             self.budget.edges_checked += 1
-            if checker.is_edge_free(start, goal):
+            if checker.is_edge_free(space.start, goal):
                 self._found()
-                return np.array([start, goal])
-        trees = RrtConnect(checker, start, goals, self.max_step, self.budget)
+                return np.array([space.start, goal])
+        trees = RrtConnect(checker, space.start, space.goals, self.max_step, self.budget)
         path = trees.seed([chain.configurations for chain in guidance.chains])
         if path is None:
-            path = trees.solve(SampleStream(sampler, self._rng, self.budget))
+            path = trees.solve(SampleStream(space.sampler, self._rng, self.budget))
         self.nodes += len(trees.start_tree) + len(trees.goal_tree)
         if path is None:
             return None
         self._found()
         return shortcut(path, checker, self._rng, self.budget, deadline_seconds=0.2 * self.budget.remaining)
 
-    def _plain(
-        self,
-        checker: CollisionChecker,
-        start: FloatArray,
-        goals: FloatArray,
-        sampler: Sampler,
-        uniform: UniformSampler,
-    ) -> FloatArray | None:
+    def _plain(self, checker: CollisionChecker, space: SearchSpace) -> FloatArray | None:
         """RRT* or RRT alone, as in the paper: no bidirectional start, no seeding, no shortcuts."""
         rewire = self._options.planner_id == "rrt_star"
-        tree = RrtStar(
-            checker,
-            start,
-            goals,
-            sampler,
-            uniform.lower,
-            uniform.upper,
-            self.max_step,
-            self.budget,
-            rewire=rewire,
-        )
+        tree = space.rrt_star(checker, self.max_step, self.budget, rewire)
+
+        best: FloatArray | None = None
 
         def on_improvement(path: FloatArray, cost: float) -> None:
+            # Verified as they come: at the end there would be no time left for a repair.
+            nonlocal best
             self._found()
-            self.report("improving")
+            if not self.costs or cost <= WORTH_VERIFYING * self.costs[-1]:
+                checked = self._better(path, space.last)
+                best = best if checked is None else checked
 
         path = tree.solve(
             self._rng, stop_at_first=self._options.first_solution or not rewire, on_improvement=on_improvement
         )
         self.nodes += len(tree.tree)
-        return path
+        return path if best is None else best
 
-    def _improved(
-        self,
-        path: FloatArray,
-        search: CollisionChecker,
-        fine: CertifyingChecker,
-        start: FloatArray,
-        goals: FloatArray,
-        sampler: Sampler,
-        uniform: UniformSampler,
-    ) -> FloatArray:
-        """RRT* from a verified path until the budget is spent; each better path is shortened and verified."""
-        straight = float(np.linalg.norm(goals - start, axis=1).min())
+    def _improved(self, path: FloatArray, checker: CollisionChecker, space: SearchSpace) -> FloatArray:
+        """Restarts and RRT* from a verified path until the budget is spent; better paths are shortened and verified."""
+        straight = float(np.linalg.norm(space.goals - space.start, axis=1).min())
         if path_length(path) <= straight * (1.0 + OPTIMALITY_TOLERANCE):
             return path
         self.report("improving")
-        best = self._restarted(path, search, fine, start, goals, sampler, uniform)
-        tree = RrtStar(search, start, goals, sampler, uniform.lower, uniform.upper, self.max_step, self.budget)
+        best = self._restarted(path, checker, space)
+        tree = space.rrt_star(checker, self.max_step, self.budget)
         tree.insert_path(best)
 
         def on_improvement(better: FloatArray, cost: float) -> None:
@@ -236,8 +243,8 @@ class Search:
             nonlocal best
             if cost > WORTH_VERIFYING * self.costs[-1]:
                 return
-            shorter = shortcut(better, search, self._rng, self.budget, attempts=30)
-            checked = self._better(shorter, fine)
+            shorter = shortcut(better, checker, self._rng, self.budget, attempts=30)
+            checked = self._better(shorter, space.last)
             if checked is not None:
                 best = checked
                 tree.insert_path(checked)
@@ -246,16 +253,7 @@ class Search:
         self.nodes += len(tree.tree)
         return best
 
-    def _restarted(
-        self,
-        path: FloatArray,
-        search: CollisionChecker,
-        fine: CertifyingChecker,
-        start: FloatArray,
-        goals: FloatArray,
-        sampler: Sampler,
-        uniform: UniformSampler,
-    ) -> FloatArray:
+    def _restarted(self, path: FloatArray, checker: CollisionChecker, space: SearchSpace) -> FloatArray:
         """Bidirectional searches from scratch inside the informed subset, each shortened; the best path of all.
 
         Paths of other homotopy classes and to other goals are found so within milliseconds, while one tree that is
@@ -267,35 +265,35 @@ class Search:
         patience = max(4.0 * self.first_solution_seconds, 0.2)
         while self.budget.elapsed < end and not self.budget.is_spent():
             cost = self.costs[-1]
-            subset = InformedUniformSampler(start, goals, cost, uniform.lower, uniform.upper)
-            within = np.linalg.norm(goals - start, axis=1) < cost
+            subset = InformedUniformSampler(space.start, space.goals, cost, space.uniform.lower, space.uniform.upper)
+            within = np.linalg.norm(space.goals - space.start, axis=1) < cost
             own = self.budget.part(min(patience, end - self.budget.elapsed), self.budget.samples_remaining)
-            trees = RrtConnect(search, start, goals[within], self.max_step, own)
-            found = trees.solve(SampleStream(InformedSampler(sampler, subset), self._rng, own))
+            trees = RrtConnect(checker, space.start, space.goals[within], self.max_step, own)
+            found = trees.solve(SampleStream(InformedSampler(space.sampler, subset), self._rng, own))
             self.nodes += len(trees.start_tree) + len(trees.goal_tree)
             self.budget.absorb(own)
             if found is None:
                 continue
-            shorter = shortcut(found, search, self._rng, self.budget, attempts=60)
+            shorter = shortcut(found, checker, self._rng, self.budget, attempts=60)
             if path_length(shorter) < WORTH_VERIFYING * cost:
-                checked = self._better(shorter, fine)
+                checked = self._better(shorter, space.last)
                 path = path if checked is None else checked
         return path
 
-    def _better(self, path: FloatArray, fine: CertifyingChecker) -> FloatArray | None:
+    def _better(self, path: FloatArray, last: CertifyingChecker) -> FloatArray | None:
         """The path verified, if it is still the best one then."""
-        checked = self._verified(path, fine)
-        if checked is None or path_length(checked) >= self.costs[-1]:
+        checked = self._verified(path, last)
+        if checked is None or (self.costs and path_length(checked) >= self.costs[-1]):
             return None
         self._record(checked)
         self.report("improving")
         return checked
 
-    def _verified(self, path: FloatArray, fine: CertifyingChecker) -> FloatArray | None:
+    def _verified(self, path: FloatArray, last: CertifyingChecker) -> FloatArray | None:
         phase = self._phase
         self.report("verifying")
         begin = self.budget.elapsed
-        result = verified(path, fine, self._rng, self.budget, self._robot.lower, self._robot.upper, self.max_step)
+        result = verified(path, last, self._rng, self.budget, self._robot.lower, self._robot.upper, self.max_step)
         self.verification_seconds += self.budget.elapsed - begin
         self._phase = phase
         return result

@@ -22,6 +22,8 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 _REVERSAL = -0.98
 #: Grid intervals on each line or arc.
 _GRID_PER_PIECE = 60
+#: Most points of a trajectory.
+MAX_POINTS = 100_000
 
 
 class BlendedPath(AbstractGeometricPath):
@@ -131,7 +133,7 @@ def time_path(
 
 def path_is_point(path: FloatArray) -> bool:
     """Whether a path does not move at all."""
-    return len(path) < 2 or bool(np.linalg.norm(np.ptp(path, axis=0)) < 1e-9)
+    return len(path) < 2 or bool(np.linalg.norm(np.ptp(path, axis=0)) < 1e-6)
 
 
 def _split_at_stops(waypoints: FloatArray, deviation: float) -> list[FloatArray]:
@@ -184,6 +186,8 @@ def _time_part(
         raise TrajectoryTimingError("toppra found no timing of finite duration")
     # One point more than the steps need leaves room for the last correction below.
     count = max(int(np.ceil(duration * excess / time_step)), 1) + 1
+    if count > MAX_POINTS:
+        raise TrajectoryTimingError(f"a trajectory of {duration * excess:.0f} s would have {count} points")
     times = np.linspace(0.0, duration, count + 1)
     index = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(widths) - 1)
     local = times - knots[index]

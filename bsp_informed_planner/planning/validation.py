@@ -34,6 +34,9 @@ def validated_state(robot: Robot, name: str, configuration: FloatArray) -> Float
     if not np.isfinite(state).all():
         joint = robot.joint_names[int(np.argmin(np.isfinite(state)))]
         raise InvalidStateError(name, f"the position of joint '{joint}' is not finite")
+    # A continuous joint has no limits but those of one turn either way, which any position has a winding in.
+    beyond = robot.continuous & ((state < robot.lower) | (state > robot.upper))
+    state = np.where(beyond, np.remainder(state + np.pi, 2.0 * np.pi) - np.pi, state)
     outside = (state < robot.lower - LIMIT_TOLERANCE) | (state > robot.upper + LIMIT_TOLERANCE)
     if outside.any():
         index = int(np.argmax(outside))
@@ -89,7 +92,7 @@ def goal_configurations(
     for goal in problem.goals:
         try:
             if isinstance(goal, JointGoal):
-                usable.append(free_state(robot, checker, "goal", goal.configuration))
+                usable.extend(_continuous_windings(robot, free_state(robot, checker, "goal", goal.configuration)))
             else:
                 from_poses.extend(_pose_configurations(robot, checker, goal, start, max_goals))
         except ProblemError as error:
@@ -99,6 +102,16 @@ def goal_configurations(
         assert first_error is not None
         raise first_error
     return np.array(sorted(configurations, key=lambda configuration: float(np.linalg.norm(configuration - start))))
+
+
+def _continuous_windings(robot: Robot, goal: FloatArray) -> list[FloatArray]:
+    """A goal state, and what differs from it by whole turns of continuous joints, for which a turn means nothing."""
+    if not robot.continuous.any():
+        return [goal]
+    same = [
+        wound for wound in robot.windings(goal) if np.array_equal(wound[~robot.continuous], goal[~robot.continuous])
+    ]
+    return same or [goal]
 
 
 def _pose_configurations(

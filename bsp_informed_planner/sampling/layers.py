@@ -13,6 +13,9 @@ from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 
+#: A turn that ends this far beyond a limit ends on it [rad].
+LIMIT_ROUNDING = 1e-8
+
 
 def tool_orientations(
     start: FloatArray, goal: FloatArray, normal: FloatArray, fraction: float, options: KeypointGuideOptions
@@ -92,10 +95,11 @@ def nearest_windings(robot: Robot, configurations: FloatArray, guess: FloatArray
     turns = np.where(revolute, np.round((guess - configurations) / (2.0 * np.pi)), 0.0)
     wound = configurations + 2.0 * np.pi * turns
     # Beyond a limit, back by one turn: the next nearest.
-    wound = np.where(revolute & (wound > robot.upper), wound - 2.0 * np.pi, wound)
-    wound = np.where(revolute & (wound < robot.lower), wound + 2.0 * np.pi, wound)
-    inside = (wound >= robot.lower) & (wound <= robot.upper)
-    return np.where(inside, wound, configurations)
+    lower, upper = robot.lower - LIMIT_ROUNDING, robot.upper + LIMIT_ROUNDING
+    wound = np.where(revolute & (wound > upper), wound - 2.0 * np.pi, wound)
+    wound = np.where(revolute & (wound < lower), wound + 2.0 * np.pi, wound)
+    inside = (wound >= lower) & (wound <= upper)
+    return np.clip(np.where(inside, wound, configurations), robot.lower, robot.upper)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,17 @@ from bsp_informed_planner.scene.polytopes import (
 )
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, Cone, ConvexMesh, Cylinder, HalfSpace, Mesh, Shape, Sphere
+from bsp_informed_planner.scene.shapes import (
+    Box,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
 from bsp_informed_planner.scene.shelf import (
     ShelfLevel,
     ShelfOptions,
@@ -25,6 +35,7 @@ from bsp_informed_planner.scene.shelf import (
     sample_level_pose,
     sample_outside_pose,
 )
+from bsp_informed_planner.scene.voxels import merged_boxes
 from bsp_informed_planner.scene.yaml_io import problem_from_yaml, save_scene, scene_from_yaml, scene_to_yaml
 
 __all__ = [
@@ -41,6 +52,7 @@ __all__ = [
     "Obstacle",
     "ObstacleOperation",
     "OperationKind",
+    "PointCloud",
     "Pose",
     "ScenarioProblem",
     "Scene",
@@ -56,6 +68,7 @@ __all__ = [
     "cross_section",
     "environment",
     "load_scene",
+    "merged_boxes",
     "polytopes_of",
     "polytopes_of_obstacle",
     "prism",

@@ -20,7 +20,18 @@ from bsp_informed_planner.scene.convex_polytope import (
 from bsp_informed_planner.scene.mesh_parts import convex_parts
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, Cone, ConvexMesh, Cylinder, HalfSpace, Mesh, Shape, Sphere
+from bsp_informed_planner.scene.shapes import (
+    Box,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
+from bsp_informed_planner.scene.voxels import merged_boxes
 
 __all__ = [
     "ConvexPolytope",
@@ -48,11 +59,12 @@ def polytopes_of(
 ) -> tuple[ConvexPolytope, ...]:
     """Convex polytopes whose union contains a shape.
 
-    Boxes and convex meshes are exact. Spheres, cylinders and cones are circumscribed: the polytope contains the body
-    and stands out by at most `curve_tolerance`, with these limits on the number of faces: 8 to 64 sides around a
-    cylinder or cone (64 sides stand out by 0.12 % of the radius), 12 to 252 faces around a sphere (252: 1.2 %). The
-    faces of a sphere's polytope include those towards +z and -z of the scene, so that what it touches from above
-    or below shares a plane with it. For meshes see `convex_parts`. A half-space is cut to the bounds; nothing else is.
+    Boxes, convex meshes and point clouds are exact; for the boxes of a point cloud see `merged_boxes`. Spheres,
+    cylinders and cones are circumscribed: the polytope contains the body and stands out by at most `curve_tolerance`,
+    with these limits on the number of faces: 8 to 64 sides around a cylinder or cone (64 sides stand out by 0.12 % of
+    the radius), 12 to 252 faces around a sphere (252: 1.2 %). The faces of a sphere's polytope include those towards
+    +z and -z of the scene, so that what it touches from above or below shares a plane with it. For meshes see
+    `convex_parts`. A half-space is cut to the bounds; nothing else is.
 
     Args:
         shape: in its own frame.
@@ -68,6 +80,12 @@ def polytopes_of(
     """
     if isinstance(shape, Box):
         return (box_polytope(shape.size, pose),)
+    if isinstance(shape, PointCloud):
+        sizes, centres = merged_boxes(shape)
+        places = pose.apply(centres)
+        return tuple(
+            box_polytope(size, Pose(place, pose.quaternion)) for size, place in zip(sizes, places, strict=True)
+        )
     if not curve_tolerance > 0.0:
         raise ValueError(f"curve_tolerance = {curve_tolerance}: expected a positive number")
     if isinstance(shape, Sphere):

@@ -12,6 +12,9 @@ from bsp_informed_planner.errors import InvalidObstacleError, InvalidWorkspaceEr
 from bsp_informed_planner.scene.pose import FloatArray, Pose, frozen_array
 from bsp_informed_planner.scene.shapes import Shape
 
+#: Coordinates beyond it are a mistake, or a unit other than metres [m].
+LARGEST_WORKSPACE = 1e4
+
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceBounds:
@@ -30,6 +33,8 @@ class WorkspaceBounds:
             object.__setattr__(self, "upper", frozen_array(self.upper, (3,)))
         except ValueError as error:
             raise InvalidWorkspaceError(f"workspace bounds: {error}") from error
+        if max(np.abs(self.lower).max(), np.abs(self.upper).max()) > LARGEST_WORKSPACE:
+            raise InvalidWorkspaceError(f"workspace bounds: beyond {LARGEST_WORKSPACE:g} m from the origin")
         if (self.lower >= self.upper).any():
             raise InvalidWorkspaceError(
                 f"workspace bounds: lower {self.lower.tolist()} is not below upper {self.upper.tolist()}"

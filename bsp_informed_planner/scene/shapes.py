@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bsp_informed_planner.scene.pose import UNIT_LENGTH_TOLERANCE, FloatArray, frozen_array
+
+# Edge of the voxels of a point cloud where none is given [m].
+CLOUD_RESOLUTION = 0.02
+# Larger clouds are refused: so many voxels that lie apart from each other take half a minute to decompose.
+MAX_CLOUD_POINTS = 2_000_000
+MAX_CLOUD_VOXELS = 200_000
+# Voxels lie at most so far from the origin along each axis, which is what an octree of 16 levels holds.
+MAX_VOXEL_INDEX = 2**15 - 1
 
 
 def _positive(name: str, value: float) -> float:
@@ -126,4 +135,68 @@ class HalfSpace:
         object.__setattr__(self, "offset", float(self.offset) / length)
 
 
-Shape = Box | Sphere | Cylinder | Cone | ConvexMesh | Mesh | HalfSpace
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """The body of measured points: all voxels that hold one.
+
+    Voxels are cubes of edge `resolution`, aligned with the axes of the cloud's frame; the origin is a corner of some.
+    The body is the union of the closed cubes, so that it contains every point, and stands out of the measured surface
+    by at most the diagonal of a voxel. Where no point was measured there is no body.
+
+    Attributes:
+        points: (n, 3) [m].
+        resolution: edge of a voxel [m].
+
+    Raises:
+        ValueError: without points, with a value that is not finite, or with more points or voxels, or voxels further
+            from the origin, than `MAX_CLOUD_POINTS`, `MAX_CLOUD_VOXELS` and `MAX_VOXEL_INDEX` allow.
+    """
+
+    points: FloatArray
+    resolution: float = CLOUD_RESOLUTION
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen_array(self.points, (-1, 3)))
+        object.__setattr__(self, "resolution", _positive("resolution of a point cloud", self.resolution))
+        if not 0 < len(self.points) <= MAX_CLOUD_POINTS:
+            raise ValueError(f"a point cloud of {len(self.points)} points: expected 1 to {MAX_CLOUD_POINTS}")
+        largest = float(np.abs(self.points).max())
+        if largest / self.resolution >= MAX_VOXEL_INDEX:
+            raise ValueError(
+                f"a point {largest:.6g} m from the origin of its cloud: at a resolution of {self.resolution:g} m, "
+                f"coordinates below {MAX_VOXEL_INDEX * self.resolution:.6g} m are expected"
+            )
+        if len(self.voxels) > MAX_CLOUD_VOXELS:
+            raise ValueError(
+                f"the points lie in {len(self.voxels)} voxels of {self.resolution:g} m: at most {MAX_CLOUD_VOXELS} are "
+                "taken, so a coarser resolution is needed"
+            )
+
+    @property
+    def voxels(self) -> NDArray[np.int64]:
+        """(m, 3) indices i of the voxels, sorted by x, y and z: the cubes from i to i + 1, times `resolution`."""
+        return self._voxels_and_first[0]
+
+    @property
+    def voxel_centres(self) -> FloatArray:
+        """(m, 3) centres of the voxels [m], in the order of `voxels`."""
+        return (self.voxels.astype(np.float64) + 0.5) * self.resolution
+
+    def thinned(self) -> PointCloud:
+        """The same body of as few points as possible: the first in each voxel, in their order."""
+        first = self._voxels_and_first[1]
+        return self if len(first) == len(self.points) else PointCloud(self.points[np.sort(first)], self.resolution)
+
+    @cached_property
+    def _voxels_and_first(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The voxels, and for each the index of its first point."""
+        indices = np.floor(self.points / self.resolution).astype(np.int64)
+        lowest = indices.min(axis=0)
+        extents = tuple((indices.max(axis=0) - lowest + 1).tolist())
+        keys, first = np.unique(np.ravel_multi_index(tuple((indices - lowest).T), extents), return_index=True)
+        voxels = np.stack(np.unravel_index(keys, extents), axis=1) + lowest
+        voxels.setflags(write=False)
+        return voxels, first
+
+
+Shape = Box | Sphere | Cylinder | Cone | ConvexMesh | Mesh | HalfSpace | PointCloud

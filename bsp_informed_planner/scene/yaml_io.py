@@ -22,6 +22,12 @@ An example with everything that may be in one. Only `format` and `bounds` must b
           - mesh: {vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
                    triangles: [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]}
           - mesh: {file: parts/bracket.stl, scale: 0.001}    # stl, obj, ply or off; in the folder of this file
+      - id: measured
+        pose: {position: [0.1, 0, 0.9], rpy: [-2, 0, -1.57]}  # e.g. that of the camera
+        shapes:
+          - point_cloud: {points: [[0, 0, 1], [0.01, 0, 1]], resolution: 0.02}  # all voxels of this edge with a point;
+                                            # default: 0.02 [m]
+          - point_cloud: {file: cloud.ply}  # npy, ply or xyz; in the folder of this file
     problem:                                # optional
       description: into the shelf
       start: [0, -1.57, 1.57, 0, 0, 0]      # [rad or m]
@@ -29,7 +35,7 @@ An example with everything that may be in one. Only `format` and `bounds` must b
       goal_poses: [{position: [0.6, 0, 0.4]}]                # or of these poses of the tool, in `frame`
 
 Keys that are not listed here are errors, and so are repeated ones. Writing and reading a scene back gives exactly the
-same numbers; mesh files are written as vertices and triangles.
+same numbers; mesh files are written as vertices and triangles, and files of point clouds as points.
 """
 
 from __future__ import annotations
@@ -40,23 +46,34 @@ from typing import Any
 import numpy as np
 
 from bsp_informed_planner.errors import InvalidObstacleError, ProblemError
-from bsp_informed_planner.scene.mesh_file import load_mesh_file
+from bsp_informed_planner.scene.mesh_file import load_cloud_file, load_mesh_file
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, Cone, ConvexMesh, Cylinder, HalfSpace, Mesh, Shape, Sphere
+from bsp_informed_planner.scene.shapes import (
+    CLOUD_RESOLUTION,
+    Box,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
 from bsp_informed_planner.scene.yaml_node import VALUES_PER_SHAPE, YamlNode, parse_yaml, read_text
 
 FORMAT = "bsp_informed_planner/scene/1"
 
-_SHAPE_KEYS = ("box", "sphere", "cylinder", "cone", "convex", "mesh", "half_space")
+_SHAPE_KEYS = ("box", "sphere", "cylinder", "cone", "convex", "mesh", "point_cloud", "half_space")
 
 
 def scene_from_yaml(source: str | Path) -> Scene:
     """The scene in a file or a text of our own format.
 
     Args:
-        source: a path, or the text itself. A text has no folder, so that mesh files cannot be named in it.
+        source: a path, or the text itself. A text has no folder, so that no files can be named in it.
 
     Raises:
         SceneFormatError: naming the place, if the file is none.
@@ -188,12 +205,25 @@ def _shape(node: YamlNode) -> Shape:
     if kind == "half_space":
         data.mapping(("normal", "offset"))
         return HalfSpace(data.at("normal").vector(3), data.at("offset").number())
+    if kind == "point_cloud":
+        return _point_cloud(data)
     if data.get("file") is not None:
         data.mapping(("file", "scale"))
         scale = data.get("scale")
         return load_mesh_file(data.at("file"), _scale(scale) if scale else np.ones(3))
     data.mapping(("vertices", "triangles"))
     return Mesh(data.at("vertices").rows("xyz"), data.at("triangles").index_rows("vertex_indices"))
+
+
+def _point_cloud(node: YamlNode) -> PointCloud:
+    node.mapping(("points", "file", "resolution"))
+    points, file, resolution = node.get("points"), node.get("file"), node.get("resolution")
+    if (points is None) == (file is None):
+        raise node.error("expected either points or a file")
+    return PointCloud(
+        points.rows("xyz") if points else load_cloud_file(node.at("file")),
+        resolution.number() if resolution else CLOUD_RESOLUTION,
+    )
 
 
 def _scale(node: YamlNode) -> FloatArray:
@@ -225,6 +255,8 @@ def _shape_content(shape: Shape) -> dict[str, Any]:
         return {"convex": {"vertices": shape.vertices.tolist()}}
     if isinstance(shape, Mesh):
         return {"mesh": {"vertices": shape.vertices.tolist(), "triangles": shape.triangles.tolist()}}
+    if isinstance(shape, PointCloud):
+        return {"point_cloud": {"points": shape.points.tolist(), "resolution": shape.resolution}}
     if isinstance(shape, HalfSpace):
         return {"half_space": {"normal": shape.normal.tolist(), "offset": shape.offset}}
     raise TypeError(f"no shape: {shape!r}")

@@ -22,7 +22,7 @@ from bsp_informed_planner.planning.problem import PlanResult
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, Cylinder, Shape, Sphere
+from bsp_informed_planner.scene.shapes import Box, Cylinder, PointCloud, Shape, Sphere
 from bsp_informed_planner.visualization import palette
 from bsp_informed_planner.visualization.cell_edges import cell_edges
 from bsp_informed_planner.visualization.portals import portal_triangles
@@ -39,9 +39,9 @@ PATH_STEP, MOST_POINTS = 0.03, 1000
 def decomposition_markers(scene: Scene, decomposition: Decomposition, stamp: Time) -> MarkerArray:
     """Markers of a scene and its decomposition, in the frame of the scene.
 
-    Namespaces: "obstacles" (one marker a shape: cube, sphere, cylinder, or triangles), "cells" (the edges of free
-    cells, a line list), "portals" (translucent triangles) and "keypoint_candidates" (a sphere list). What is empty is
-    left out.
+    Namespaces: "obstacles" (one marker a shape: cube, sphere, cylinder, the voxels of a point cloud as a cube list, or
+    triangles), "cells" (the edges of free cells, a line list), "portals" (translucent triangles) and
+    "keypoint_candidates" (a sphere list). What is empty is left out.
 
     Args:
         scene: the obstacles.
@@ -102,6 +102,8 @@ def _obstacle(header: Header, index: int, shape: Shape, pose: Pose, bounds: Work
         kind, scale = Marker.CUBE, tuple(shape.size.tolist())
     elif isinstance(shape, Sphere):
         kind, scale = Marker.SPHERE, (2.0 * shape.radius,) * 3
+    elif isinstance(shape, PointCloud):
+        kind, scale = Marker.CUBE_LIST, (shape.resolution,) * 3
     elif isinstance(shape, Cylinder):
         kind, scale = Marker.CYLINDER, (2.0 * shape.radius, 2.0 * shape.radius, shape.height)
     marker = _marker(header, "obstacles", index, kind, 1.0, palette.FURNITURE, 0.9)
@@ -109,6 +111,8 @@ def _obstacle(header: Header, index: int, shape: Shape, pose: Pose, bounds: Work
         marker.scale = Vector3(x=scale[0], y=scale[1], z=scale[2])
         x, y, z, w = pose.quaternion.tolist()
         marker.pose = PoseMsg(position=_points(pose.position)[0], orientation=QuaternionMsg(x=x, y=y, z=z, w=w))
+        if isinstance(shape, PointCloud):
+            marker.points = _points(shape.voxel_centres)
         return [marker]
     marker.points = _points(shape_triangles(shape, pose, bounds))
     return [marker] if marker.points else []

@@ -1,0 +1,50 @@
+"""Work of which only the newest matters."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class NewestFirstWorker(Generic[T]):
+    """A thread that works on the newest item submitted; those that it did not get to before are dropped.
+
+    Args:
+        work: called in the thread with one item at a time; must not raise.
+        name: of the thread.
+    """
+
+    def __init__(self, work: Callable[[T], None], name: str) -> None:
+        self._work = work
+        self._changed = threading.Condition()
+        self._pending: list[T] = []
+        self._stopping = False
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def submit(self, item: T) -> None:
+        """Work on this item next, instead of one that still waits."""
+        with self._changed:
+            self.dropped += len(self._pending)
+            self._pending = [item]
+            self._changed.notify()
+
+    def stop(self) -> None:
+        """End after the item in work; what waits is dropped."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._pending or self._stopping)
+                if self._stopping:
+                    return
+                item = self._pending.pop()
+            self._work(item)
