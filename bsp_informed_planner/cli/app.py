@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bsp_informed_planner import __version__
+from bsp_informed_planner.cli.benchmark import app as benchmark_app
 
 if TYPE_CHECKING:
     from bsp_informed_planner.cli.robots import RobotChoice
@@ -23,6 +24,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(benchmark_app, name="benchmark")
 
 
 class DemoRobot(str, Enum):

@@ -167,7 +167,8 @@ class Decomposition:
         if not 0 <= cell < len(self.node_front) or self.node_front[cell] >= 0:
             raise IndexError(f"node {cell} is no cell")
         corners, offsets, planes = cell_faces(cell, *self.tree, self.bounds.lower, self.bounds.upper)
-        if not len(planes):
+        # Of a sliver only the faces that are wider than rounding are left: no polytope.
+        if len(planes) < 4:
             return None
         distances = np.abs(corners[:, None] - corners[None]).max(axis=2)
         first = (distances < SAME_VERTEX).argmax(axis=1)

@@ -1,0 +1,1 @@
+"""The benchmark of the decomposition: `benchmark.decomposition_benchmark`."""

@@ -1,0 +1,62 @@
+"""What the numbers were measured on."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import os
+import platform
+import sys
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parents[1]
+LIBRARIES = ("numpy", "scipy", "numba", "coal")
+
+
+def describe_machine() -> dict[str, str]:
+    """Processor, operating system and versions."""
+    return {
+        "processor": _processor(),
+        "logical processors": str(os.cpu_count()),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        **{name: _version(name) for name in LIBRARIES},
+        PACKAGE.name: _version(PACKAGE.name),
+    }
+
+
+def describe_load() -> str:
+    """How busy the machine is: times are worth less where others use it."""
+    try:
+        minute = os.getloadavg()[0]
+    except (AttributeError, OSError):
+        return "unknown"
+    return f"{minute:.1f} processes on average when the last run began"
+
+
+def source_hash(folders: tuple[str, ...]) -> str:
+    """Hash of the Python sources in some folders of the package."""
+    digest = hashlib.sha256(sys.version.encode())
+    for folder in folders:
+        for path in sorted((PACKAGE / folder).rglob("*.py")):
+            content = path.read_bytes()
+            digest.update(f"\0{path.relative_to(PACKAGE)}\0{len(content)}\0".encode())
+            digest.update(content)
+    return digest.hexdigest()[:16]
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed as a package"
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or "unknown"

@@ -1,0 +1,145 @@
+"""Estimates with confidence intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bsp_informed_planner.scene.pose import FloatArray
+
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+# Resampled values that are held at a time.
+_BLOCK = 2_000_000
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % confidence interval from `low` to `high`."""
+
+    value: float
+    low: float
+    high: float
+
+    def scaled(self, factor: float) -> Estimate:
+        """In another unit; the factor is positive."""
+        return Estimate(factor * self.value, factor * self.low, factor * self.high)
+
+    def text(self, digits: int = 3) -> str:
+        """Value and interval with so many significant digits."""
+        return f"{number(self.value, digits)} [{number(self.low, digits)}, {number(self.high, digits)}]"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits, without an exponent."""
+    if not math.isfinite(value):
+        return str(value)
+    if value == 0.0:
+        return "0"
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{value:,.{max(decimals, 0)}f}"
+
+
+def median(values: ArrayLike, rng: np.random.Generator, resamples: int = RESAMPLES) -> Estimate:
+    """The median, with a percentile bootstrap interval (Efron and Tibshirani 1993, chapter 13).
+
+    Args:
+        values: (n,), n of at least 1, independent of each other.
+        rng: for resampling.
+        resamples: how many.
+
+    Raises:
+        ValueError: without values.
+    """
+    return _bootstrap(values, lambda block: np.median(block, axis=1), rng, resamples)
+
+
+def mean(values: ArrayLike, rng: np.random.Generator, resamples: int = RESAMPLES) -> Estimate:
+    """The mean; see `median`."""
+    return _bootstrap(values, lambda block: block.mean(axis=1), rng, resamples)
+
+
+def quantile(values: ArrayLike, share: float, rng: np.random.Generator, resamples: int = RESAMPLES) -> Estimate:
+    """The quantile below which a share of the values lies; see `median`."""
+    return _bootstrap(values, lambda block: np.quantile(block, share, axis=1), rng, resamples)
+
+
+def share(successes: int, trials: int) -> Estimate:
+    """The share of successes, with Wilson's interval, which also is right near 0 and 1.
+
+    Raises:
+        ValueError: without trials, or with more successes than trials.
+    """
+    if not 0 <= successes <= trials or trials == 0:
+        raise ValueError(f"{successes} successes in {trials} trials")
+    z = 1.959963984540054
+    p = successes / trials
+    middle = (p + z * z / (2 * trials)) / (1.0 + z * z / trials)
+    half = z / (1.0 + z * z / trials) * math.sqrt(p * (1.0 - p) / trials + z * z / (4 * trials * trials))
+    return Estimate(p, max(middle - half, 0.0), min(middle + half, 1.0))
+
+
+def growth_exponent(
+    sizes: ArrayLike, values: ArrayLike, rng: np.random.Generator, resamples: int = RESAMPLES
+) -> Estimate:
+    """The slope of a straight line through values against sizes, both as logarithms.
+
+    Cases are resampled within each size, since the sizes were chosen and only the cases are random.
+
+    Args:
+        sizes: (n,) positive, at least two different ones.
+        values: (n,) positive.
+        rng: for resampling.
+        resamples: how many.
+
+    Raises:
+        ValueError: if the arrays make no line.
+    """
+    x, y = np.asarray(sizes, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    groups = [np.flatnonzero(x == size) for size in np.unique(x)]
+    if x.shape != y.shape or x.ndim != 1 or len(groups) < 2 or (x <= 0.0).any() or (y <= 0.0).any():
+        raise ValueError("a growth exponent takes positive values at two or more positive sizes")
+    x, y = np.log(x), np.log(y)
+    drawn = np.concatenate([group[rng.integers(len(group), size=(resamples, len(group)))] for group in groups], axis=1)
+    slopes = _slopes(x[drawn], y[drawn])
+    low, high = np.quantile(slopes, [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE])
+    return Estimate(float(_slopes(x[None], y[None])[0]), float(low), float(high))
+
+
+def upper_bound_of_none(trials: int) -> float:
+    """The rate that `trials` trials without a single event rule out (95 %; about 3 / trials)."""
+    return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / trials)
+
+
+def _slopes(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Least-squares slopes of rows (r, n)."""
+    dx = x - x.mean(axis=1, keepdims=True)
+    return np.asarray((dx * y).sum(axis=1) / (dx * dx).sum(axis=1))
+
+
+def _bootstrap(
+    values: ArrayLike,
+    statistic: Callable[[FloatArray], NDArray[np.float64]],
+    rng: np.random.Generator,
+    resamples: int,
+) -> Estimate:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or not len(array):
+        raise ValueError(f"values of shape {array.shape}: expected (n,) with n of at least 1")
+    rows = max(1, _BLOCK // len(array))
+    found: list[FloatArray] = []
+    for begin in range(0, resamples, rows):
+        drawn = rng.integers(len(array), size=(min(rows, resamples - begin), len(array)))
+        found.append(statistic(array[drawn]))
+    low, high = np.quantile(np.concatenate(found), [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE])
+    return Estimate(float(statistic(array[None])[0]), float(low), float(high))
+
+
+def column(rows: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
+    """(n,) the numbers of a column."""
+    return np.array([row[name] for row in rows], dtype=np.float64)
