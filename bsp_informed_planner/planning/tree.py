@@ -10,8 +10,8 @@ from bsp_informed_planner.scene.pose import FloatArray
 class Tree:
     """Nodes with a parent, the length of the path from their root, and their children.
 
-    Neighbours are found by a scan over all nodes: for the few thousand nodes that a search with exact collision checks
-    can afford, that is faster than keeping a spatial index up to date.
+    Neighbours are found by a scan over all nodes: with exact collision checks a search grows some thousand of them, and
+    spends its time on the checks.
 
     Args:
         dimension: n of a configuration.
