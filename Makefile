@@ -68,7 +68,7 @@ $(STAMPS)/venv:
 
 # Touched only if the requirements differ: most changes of setup.py do not concern them.
 $(STAMPS)/requirements.txt: setup.py tools/requirements.py $(STAMPS)/venv
-	@{ $(BIN)/python tools/requirements.py ros test lint && echo 'setuptools>=64'; } > $@.new
+	@{ $(BIN)/python tools/requirements.py ros learning baselines view test lint && echo 'setuptools>=64'; } > $@.new
 	@cmp -s $@.new $@ || cp $@.new $@
 
 # pip writes RECORD last: a package without one was being installed when an earlier setup was interrupted.

@@ -61,8 +61,19 @@ setup(
             "cmake>=3.24",
             "ninja>=1.11",
         ],
-        "learning": ["torch>=2.4,<3", "safetensors>=0.4,<1"],
-        "baselines": ["ompl>=2.0,<3"],
+        # Collecting experience, training networks and planning with them.
+        "learning": [
+            "dask>=2024.5",
+            "distributed>=2024.5",
+            "pyarrow>=16",
+            "safetensors>=0.4,<1",
+            "scikit-learn>=1.5,<2",
+            "tensorboard>=2.17,<3",
+            "torch>=2.4,<3",
+        ],
+        # What benchmarks compare with; ompl is also a family of planner ids.
+        "baselines": ["ompl>=2.0,<3", "rustworkx>=0.15,<1"],
+        "view": ["viser>=1.0,<2"],
         "test": ["hypothesis>=6.100,<7", "pytest>=8.2,<10", "python-fcl>=0.7.0.8,<0.8"],
         "lint": ["mypy>=1.11,<3", "ruff>=0.6,<1", "types-PyYAML>=6.0"],
     },

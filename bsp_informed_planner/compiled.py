@@ -1,9 +1,10 @@
 """The decorator of all compiled functions (kernels), with an on-disk cache that notices every change.
 
 numba's own cache looks at the file of a function alone: after a change in a jitted function of another file it runs the
-outdated machine code, which for a collision check is a safety defect. Here the cache folder is keyed by a hash of all
-kernel sources of the package instead. Kernels therefore live in files named `*kernels*.py`, and these take functions
-and constants from numpy, numba, the standard library and other kernel files only.
+outdated machine code, which for a collision check is a safety defect. Here the cache folder of a kernel file is keyed
+by a hash of that file and of all files of its package that it imports, directly or through others. Kernels live in
+files named `*kernels*.py`, and these take functions and constants from numpy, numba, the standard library and other
+kernel files only, by import statements.
 
 The folder is `$NUMBA_CACHE_DIR` if that is set, else `$XDG_CACHE_HOME/bsp_informed_planner` or
 `~/.cache/bsp_informed_planner`. If it cannot be written, kernels are compiled in memory at each start.
@@ -13,6 +14,7 @@ Only kernel files import this module, since it imports numba.
 
 from __future__ import annotations
 
+import ast
 import functools
 import hashlib
 import inspect
@@ -47,14 +49,14 @@ def kernel(**options: Any) -> Callable[[Function], Function]: ...
 
 
 def kernel(function: Function | None = None, **options: Any) -> Function | Callable[[Function], Function]:
-    """Compiles a function with `numba.njit`, without the GIL, cached under a hash of all kernel sources.
+    """Compiles a function with `numba.njit`, without the GIL, cached under a hash of its sources.
 
     Args:
         function: defined in a file named `*kernels*.py`.
         options: of `numba.njit`, e.g. `fastmath=True`; they override the defaults.
 
     Raises:
-        ValueError: if the function's file is not named so: the hash would not cover it.
+        ValueError: if the function's file is not named so: the tests that look at such files would miss it.
     """
     if function is None:
         return lambda decorated: _compiled(decorated, options)
@@ -85,7 +87,7 @@ def _compiled(function: Function, options: dict[str, Any]) -> Function:
 
 
 def cache_folder(source: Path) -> Path | None:
-    """The writable folder that holds the machine code of the package to which a source file belongs.
+    """The writable folder that holds the machine code of a kernel file.
 
     Args:
         source: a Python file.
@@ -93,7 +95,7 @@ def cache_folder(source: Path) -> Path | None:
     Returns:
         the folder, which exists; None if none can be written.
     """
-    return _writable_folder(package_root(source.resolve()), config.CACHE_DIR)
+    return _writable_folder(source.resolve(), config.CACHE_DIR)
 
 
 def package_root(source: Path) -> Path:
@@ -104,20 +106,55 @@ def package_root(source: Path) -> Path:
     return root
 
 
-def source_hash(root: Path) -> str:
-    """Hash of all kernel sources below `root`, of this module, and of the versions of numba and numpy."""
+def sources_of(source: Path) -> tuple[Path, ...]:
+    """A file and all files of its package that it imports, directly or through others, sorted."""
+    root = package_root(source)
+    found = {source}
+    new = [source]
+    while new:
+        for imported in _imported_files(new.pop(), root):
+            if imported not in found:
+                found.add(imported)
+                new.append(imported)
+    return tuple(sorted(found))
+
+
+def source_hash(source: Path) -> str:
+    """Hash of a kernel file, of all that it imports of its package, of this module and of numba's and numpy's version."""
     digest = hashlib.sha256(f"numba {numba.__version__} numpy {np.__version__}".encode())
-    for path in (Path(__file__), *sorted(root.rglob(KERNEL_FILES))):
-        content = path.read_bytes()
-        digest.update(f"\0{path.name}\0{len(content)}\0".encode())
+    for path in (Path(__file__), *sources_of(source)):
+        content = _content(path)
+        digest.update(f"\0{path}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()[:16]
 
 
 @functools.cache
-def _writable_folder(root: Path, configured: str) -> Path | None:
+def _content(path: Path) -> bytes:
+    return path.read_bytes()
+
+
+@functools.cache
+def _imported_files(source: Path, root: Path) -> tuple[Path, ...]:
+    """The files below `root` that the import statements of one file name."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(_content(source))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            # What is imported from a package may be a module of it.
+            package = source.parents[node.level - 1].relative_to(root.parent).parts if node.level else ()
+            module = ".".join((*package, *((node.module or "").split(".") if node.module else ())))
+            names += [module, *(f"{module}.{alias.name}" for alias in node.names)]
+    bases = [root.parent.joinpath(*name.split(".")) for name in names if name.split(".")[0] == root.name]
+    files = [file for base in bases for file in (base.with_suffix(".py"), base / "__init__.py")]
+    return tuple(file for file in files if file.is_file() and file != Path(__file__))
+
+
+@functools.cache
+def _writable_folder(source: Path, configured: str) -> Path | None:
     try:
-        folder = _user_folder(configured) / "kernels" / source_hash(root)
+        folder = _user_folder(configured) / "kernels" / f"{source.stem}-{source_hash(source)}"
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except (OSError, RuntimeError) as error:  # RuntimeError: there is no home directory

@@ -13,7 +13,7 @@ import pytest
 
 import bsp_informed_planner
 from bsp_informed_planner import compile_kernels
-from bsp_informed_planner.compiled import KERNEL_FILES, kernel, package_root, source_hash
+from bsp_informed_planner.compiled import KERNEL_FILES, kernel, package_root, sources_of
 
 PACKAGE = Path(bsp_informed_planner.__file__).parent
 # What kernel files may import: whatever else they read would not be covered by the hash of their sources.
@@ -104,15 +104,31 @@ def test_kernels_outside_of_kernel_files_are_refused() -> None:
             return 0.5 * x
 
 
-def test_hash_depends_on_every_kernel_file(tmp_path: Path) -> None:
+def test_hash_covers_what_a_kernel_file_imports_and_no_more(tmp_path: Path) -> None:
     _write_package(tmp_path, offset=1)
     root = tmp_path / "arithmetic"
-    assert package_root(root / "deep" / "base_kernels.py") == root
-    before = source_hash(root)
-    (root / "deep" / "notes.py").write_text("x = 1")
-    assert source_hash(root) == before
-    (root / "deep" / "more_kernels.py").write_text("x = 1")
-    assert source_hash(root) != before
+    top, base = root / "top_kernels.py", root / "deep" / "base_kernels.py"
+    assert package_root(base) == root
+    assert set(sources_of(top)) == {top, base}
+    assert sources_of(base) == (base,)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from arithmetic.deep.base_kernels import offset",
+        "from arithmetic.deep import base_kernels",
+        "import arithmetic.deep.base_kernels as base",
+        "from .deep.base_kernels import offset",
+        "from .deep import base_kernels",
+        "def f():\n    from arithmetic.deep import base_kernels",
+    ],
+)
+def test_every_kind_of_import_is_followed(tmp_path: Path, statement: str) -> None:
+    _write_package(tmp_path, offset=1)
+    top = tmp_path / "arithmetic" / "other_kernels.py"
+    top.write_text(statement)
+    assert tmp_path / "arithmetic" / "deep" / "base_kernels.py" in sources_of(top)
 
 
 def _imports(path: Path) -> set[str]:
