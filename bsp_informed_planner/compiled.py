@@ -120,7 +120,7 @@ def sources_of(source: Path) -> tuple[Path, ...]:
 
 
 def source_hash(source: Path) -> str:
-    """Hash of a kernel file, of all that it imports of its package, of this module and of numba's and numpy's version."""
+    """Hash of a kernel file, of all that it imports of its package, of this module, and of the compiler's version."""
     digest = hashlib.sha256(f"numba {numba.__version__} numpy {np.__version__}".encode())
     for path in (Path(__file__), *sources_of(source)):
         content = _content(path)
