@@ -146,7 +146,7 @@ def plan(
     tool_frame: ToolOption = None,
     lock: LockOption = None,
     planner_id: Annotated[
-        str, typer.Option(help="anytime, rrt_connect, rrt_star, rrt, or one of OMPL's: ompl_rrt_connect ...")
+        str, typer.Option(help="anytime, rrt_connect, rrt_star, rrt or OMPL's ompl_...")
     ] = "anytime",
     sampler_id: Annotated[str, typer.Option(help="keypoint_tube or uniform.")] = "keypoint_tube",
     seconds: Annotated[float, typer.Option(help="Planning time allowed [s].")] = 5.0,
