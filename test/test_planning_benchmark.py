@@ -94,6 +94,7 @@ def test_goals_are_single_and_reachable(easy: ShelfProblem) -> None:
     checker = ExactChecker(robot(), easy.scene)
     assert checker.is_free(goal.configuration)
     assert checker.is_free(easy.problem.start)
+    assert not checker.is_edge_free(easy.problem.start, goal.configuration)
 
 
 # --- methods ---

@@ -74,7 +74,8 @@ def draw_solved_problem(robot: Robot, rng: np.random.Generator, stratum: str, se
     """A random problem with a single goal configuration, which RRT-Connect reaches from the start.
 
     Where a pose has many configurations, planners may reach different ones, and costs compare the choice of a goal as
-    well as paths to it. Here it is that which RRT-Connect reached, in a run that is not measured.
+    well as paths to it. Here it is that which RRT-Connect reached, in a run that is not measured. A straight line does
+    not reach it: there, nobody could find anything better.
 
     Args:
         robot, rng, stratum: see `draw_problem`; the stratum is that of the problem with the pose.
@@ -83,11 +84,13 @@ def draw_solved_problem(robot: Robot, rng: np.random.Generator, stratum: str, se
     while True:
         drawn = draw_problem(robot, rng, stratum)
         options = _rrt_connect(seed_of(rng), seconds)
+        planner = Planner(robot, drawn.scene)
         try:
-            path = Planner(robot, drawn.scene).plan(drawn.problem, options).path
+            path = planner.plan(drawn.problem, options).path
         except PlanningFailedError:
             continue
-        return drawn.with_goal(JointGoal(path[-1]))
+        if not planner.checker().is_edge_free(path[0], path[-1]):
+            return drawn.with_goal(JointGoal(path[-1]))
 
 
 def _classify(planner: Planner, problem: PlanningProblem, rng: np.random.Generator) -> str:
