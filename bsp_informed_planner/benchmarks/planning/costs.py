@@ -78,11 +78,12 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     section.text(
         f"The same problems for all, {end:g} s for each method. The goal is a single configuration, the one that an "
         "RRT-Connect run, which is not measured, reached first: given many, planners would reach different ones, and "
-        "OMPL's AORRTC returns paths to none of them. Problems that this run did not solve within "
-        f"{CHOICE_SECONDS:g} s were left out, and those that a straight line solves. Costs are lengths in joint space of "
-        "verified paths, relative to the best path that anything found of the same problem; without a path the ratio is "
-        "infinite. Restarts are not charged for what a planner would do once: validation, timing, and the verification of paths that are no better. "
-        "OMPL's RRTConnect and AORRTC take steps of the same length as ours, its other planners those that it chooses."
+        "OMPL's AORRTC returns paths to none of them. Left out were problems that this run did not solve within "
+        f"{CHOICE_SECONDS:g} s, and those that a straight line solves. Costs are lengths in joint space of verified "
+        "paths, relative to the best path that anything found of the same problem; without a path the ratio is "
+        "infinite. Restarts are not charged for what a planner would do once, validation and timing, nor for the "
+        "verification of paths that are no better. OMPL's RRTConnect and AORRTC take steps of the same length as ours, "
+        "its other planners those that it chooses."
     )
     for stratum in STRATA:
         own = [row for row in rows if row["stratum"] == stratum]
