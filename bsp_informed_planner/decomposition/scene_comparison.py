@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import cache
+from typing import Any
 
 import numpy as np
 
-from bsp_informed_planner.scene.pose import FloatArray, same_array
+from bsp_informed_planner.scene.pose import same_array
 from bsp_informed_planner.scene.scene import Obstacle
 from bsp_informed_planner.scene.shapes import Shape
 
@@ -22,8 +23,9 @@ def same_obstacles(pairs: Sequence[tuple[Obstacle, Obstacle]]) -> list[bool]:
     long as the rest of an update.
     """
     same = [True] * len(pairs)
-    rows: list[FloatArray] = []
-    other_rows: list[FloatArray] = []
+    # Arrays, as what has a buffer: to type checkers they are that only since Python 3.12.
+    rows: list[Any] = []
+    other_rows: list[Any] = []
     owners: list[int] = []  # of each pose: which pair it belongs to
     for number, (one, other) in enumerate(pairs):
         if len(one.shapes) != len(other.shapes):
