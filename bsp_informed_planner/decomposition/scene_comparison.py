@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -52,13 +50,8 @@ def same_obstacles(pairs: Sequence[tuple[Obstacle, Obstacle]]) -> list[bool]:
 def _same_shape(first: Shape, second: Shape) -> bool:
     if type(first) is not type(second):
         return False
-    for name in _field_names(type(first)):
+    for name in first.__dataclass_fields__:
         one, other = getattr(first, name), getattr(second, name)
         if not (same_array(one, other) if isinstance(one, np.ndarray) else one == other):
             return False
     return True
-
-
-@cache
-def _field_names(shape: type[Shape]) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(shape))
