@@ -145,7 +145,9 @@ def plan(
     package_dir: PackageOption = None,
     tool_frame: ToolOption = None,
     lock: LockOption = None,
-    planner_id: Annotated[str, typer.Option(help="anytime, rrt_connect, rrt_star or rrt.")] = "anytime",
+    planner_id: Annotated[
+        str, typer.Option(help="anytime, rrt_connect, rrt_star, rrt or OMPL's ompl_...")
+    ] = "anytime",
     sampler_id: Annotated[str, typer.Option(help="keypoint_tube or uniform.")] = "keypoint_tube",
     seconds: Annotated[float, typer.Option(help="Planning time allowed [s].")] = 5.0,
     first: Annotated[bool, typer.Option("--first", help="Stop at the first verified path.")] = False,
