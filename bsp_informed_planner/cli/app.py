@@ -12,6 +12,8 @@ import typer
 
 from bsp_informed_planner import __version__
 from bsp_informed_planner.cli.benchmark import app as benchmark_app
+from bsp_informed_planner.cli.robot import app as robot_app
+from bsp_informed_planner.cli.robot_options import LockOption, PackageOption, SrdfOption, ToolOption
 
 if TYPE_CHECKING:
     from bsp_informed_planner.cli.robots import RobotChoice
@@ -25,6 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(benchmark_app, name="benchmark")
+app.add_typer(robot_app, name="robot")
 
 
 class DemoRobot(str, Enum):
@@ -38,26 +41,6 @@ RobotOption = Annotated[DemoRobot, typer.Option(help="ur5: the arm at a shelf; p
 UrdfOption = Annotated[
     Path | None,
     typer.Option(help="URDF of your own arm; it takes the place of --robot.", exists=True, dir_okay=False),
-]
-SrdfOption = Annotated[
-    Path | None,
-    typer.Option(help="SRDF that goes with --urdf: disabled collision pairs.", exists=True, dir_okay=False),
-]
-PackageOption = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--package-dir",
-        help="Folder that holds the packages named in package:// addresses of meshes, e.g. the src of a workspace.",
-    ),
-]
-ToolOption = Annotated[str | None, typer.Option(help="Frame of the arm that goal poses are for and keypoints guide.")]
-
-
-LockOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--lock", help="NAME=VALUE: hold this joint of --urdf still, e.g. a finger [rad or m]. May be repeated."
-    ),
 ]
 
 

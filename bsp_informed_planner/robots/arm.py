@@ -54,15 +54,15 @@ def load_arm(
             that of the URDF file, alone.
         tool_frame: the link whose origin is the reference point. Default: the parent link of the SRDF's end effector
             (or the tip of its chain), otherwise the link "tool0", otherwise the last link of the longest chain.
-        locked_joints: joints to hold at a value [rad or m], such as those of a gripper. They are no part of a
-            configuration. Joints that mimic a locked joint are held too.
+        locked_joints: joints to hold at a value [rad or m], such as those of a gripper or of another arm, by name or by
+            pattern ("finger_*"). They are no part of a configuration. Joints that mimic a locked joint are held too.
         acceleration_limits: of all joints, or by joint name, in which case the others have
             `DEFAULT_ACCELERATION_LIMIT` [rad/s^2 or m/s^2].
 
     Raises:
         RobotDescriptionError: if a file or a mesh is missing or cannot be read, or no joint is left to move.
         UnsupportedJointError: for a mimic, floating, planar or other joint that is neither supported nor locked.
-        UnknownJointError: if `locked_joints` or `acceleration_limits` name a joint that does not exist.
+        UnknownJointError: if `locked_joints` or `acceleration_limits` name no joint that moves.
         UnknownFrameError: if `tool_frame` is not a link.
         InvalidOptionError: if a locked value is outside its joint's limits, or an acceleration limit is not positive.
     """
@@ -160,7 +160,7 @@ class ArmRobot:
         values = np.asarray(configuration, dtype=np.float64)
         if values.shape != (self.dof,):
             raise ValueError(f"a configuration of shape {values.shape}: expected ({self.dof},)")
-        chain = self._chain(frame or self.tool_frame)
+        chain = self.chain(frame)
         return chain.forward(values[chain.indices])
 
     def inverse_kinematics(
@@ -188,6 +188,22 @@ class ArmRobot:
         solver = self._solver(frame or self.tool_frame)
         return [self._configurations(solver, matrix, rng) for matrix in matrices]
 
+    def inverse_kinematics_method(self, frame: str | None = None) -> str:
+        """How inverse kinematics of a frame (default: the tool frame) is solved, in words.
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+        """
+        return self._solver(frame or self.tool_frame).method
+
+    def joints_moving(self, frame: str | None = None) -> tuple[str, ...]:
+        """The joints between the root and a frame (default: the tool frame): the others do not move it.
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+        """
+        return tuple(self.joint_names[i] for i in self.chain(frame).indices)
+
     def windings(self, configuration: FloatArray) -> FloatArray:
         """See `Robot.windings`; at most 4096, the configuration itself first."""
         return windings(np.asarray(configuration, dtype=np.float64), self.lower, self.upper, self.revolute)
@@ -202,7 +218,13 @@ class ArmRobot:
         configurations[:, solver.chain.indices] = values
         return configurations
 
-    def _chain(self, frame: str) -> KinematicChain:
+    def chain(self, frame: str | None = None) -> KinematicChain:
+        """The joints between the root and a frame (default: the tool frame).
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+        """
+        frame = frame or self.tool_frame
         if frame not in self._chains:
             self._chains[frame] = KinematicChain.to_frame(self.model, self._require_frame(frame))
         return self._chains[frame]
