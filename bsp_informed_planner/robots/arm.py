@@ -6,7 +6,8 @@ import logging
 import math
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,18 @@ logger = logging.getLogger(__name__)
 DEFAULT_VELOCITY_LIMIT = 1.0
 # URDFs hold no acceleration limits [rad/s^2 or m/s^2].
 DEFAULT_ACCELERATION_LIMIT = 5.0
+
+
+@dataclass(frozen=True)
+class ArmSource:
+    """What an arm was loaded from: the arguments of `load_arm`, its paths absolute."""
+
+    urdf: XmlSource
+    srdf: XmlSource | None = None
+    package_dirs: tuple[str, ...] = ()
+    tool_frame: str | None = None
+    locked_joints: Mapping[str, float] = field(default_factory=dict)
+    acceleration_limits: float | Mapping[str, float] = DEFAULT_ACCELERATION_LIMIT
 
 
 def load_arm(
@@ -68,17 +81,15 @@ def load_arm(
     """
     description = read_description(urdf, srdf, package_dirs, locked_joints)
     model, collision_model = build_models(description)
-    arguments = {
-        "urdf": _absolute(urdf),
-        "srdf": _absolute(srdf) if srdf is not None else None,
-        "package_dirs": tuple(os.path.abspath(path) for path in package_dirs),
-        "tool_frame": tool_frame,
-        "locked_joints": dict(locked_joints or {}),
-        "acceleration_limits": acceleration_limits,
-    }
-    return ArmRobot(
-        description, model, collision_model, tool_frame, acceleration_limits, lambda: (_reloaded, (arguments,))
+    source = ArmSource(
+        urdf=_absolute(urdf),
+        srdf=_absolute(srdf) if srdf is not None else None,
+        package_dirs=tuple(os.path.abspath(path) for path in package_dirs),
+        tool_frame=tool_frame,
+        locked_joints=dict(locked_joints or {}),
+        acceleration_limits=acceleration_limits,
     )
+    return ArmRobot(description, model, collision_model, source)
 
 
 class ArmRobot:
@@ -87,7 +98,8 @@ class ArmRobot:
     Immutable; threads may share one. A pickled arm is loaded again from its files.
 
     Attributes:
-        description: what it was made from.
+        source: what it was loaded from.
+        description: what that says.
         revolute: (n,) which joints turn; the others are prismatic.
     """
 
@@ -96,15 +108,13 @@ class ArmRobot:
         description: RobotDescription,
         model: pin.Model,
         collision_model: pin.GeometryModel,
-        tool_frame: str | None,
-        acceleration_limits: float | Mapping[str, float],
-        recipe: Callable[[], tuple[Any, ...]],
+        source: ArmSource,
     ) -> None:
         """Use `load_arm`."""
+        self.source = source
         self.description = description
         self.model = model
         self.collision_model = collision_model
-        self._recipe = recipe
         self.name = description.name
         by_place = sorted(range(1, model.njoints), key=lambda joint: int(model.joints[joint].idx_v))
         self.joint_names: tuple[str, ...] = tuple(model.names[joint] for joint in by_place)
@@ -115,11 +125,11 @@ class ArmRobot:
         for flags in (self.continuous, self.revolute):
             flags.setflags(write=False)
         self.velocity_limits: FloatArray = frozen_array(self._velocity_limits())
-        self.acceleration_limits: FloatArray = frozen_array(self._acceleration_limits(acceleration_limits))
+        self.acceleration_limits: FloatArray = frozen_array(self._acceleration_limits(source.acceleration_limits))
         self.workspace_dimension = 3
         self.root_frame = description.root_link
         self._frame_ids = {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
-        self.tool_frame = tool_frame or self._default_tool_frame()
+        self.tool_frame = source.tool_frame or self._default_tool_frame()
         self._require_frame(self.tool_frame)
         self.motion_radii: FloatArray = frozen_array(motion_radii(model, collision_model))
         self._home = np.clip(np.zeros(len(by_place)), self.lower, self.upper)
@@ -128,7 +138,7 @@ class ArmRobot:
         self._solvers: dict[str, InverseKinematics] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._recipe()
+        return _reloaded, (self.source,)
 
     @property
     def dof(self) -> int:
@@ -282,8 +292,8 @@ def _absolute(source: XmlSource) -> XmlSource:
     return os.path.abspath(source)
 
 
-def _reloaded(arguments: dict[str, Any]) -> ArmRobot:
-    return load_arm(**arguments)
+def _reloaded(source: ArmSource) -> ArmRobot:
+    return load_arm(**vars(source))
 
 
 def _matrix(pose: Pose) -> FloatArray:
