@@ -136,15 +136,17 @@ class UnsupportedJointError(RobotError):
 
     Attributes:
         joint: its name.
-        kind: e.g. "mimic", "floating".
+        kind: e.g. "a mimic of 'finger'", "floating".
+        lock: what would hold it still, as "NAME=VALUE"; empty if nothing would.
     """
 
-    def __init__(self, joint: str, kind: str) -> None:
+    def __init__(self, joint: str, kind: str, lock: str = "") -> None:
         self.joint = joint
         self.kind = kind
+        self.lock = lock
+        held = f"hold this one still (--lock {lock}, parameter locked_joints)" if lock else "make this one fixed"
         super().__init__(
-            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can "
-            "move; hold others still (--lock NAME=VALUE, parameter locked_joints)"
+            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can move; {held}"
         )
 
 
