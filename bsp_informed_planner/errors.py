@@ -271,6 +271,23 @@ class InvalidOptionError(BspPlannerError):
         super().__init__(f"{option} = {value!r}: expected {expected}")
 
 
+class UnknownParameterError(BspPlannerError):
+    """A node was given a parameter that it does not have.
+
+    Attributes:
+        name: of the parameter.
+        node: its name.
+        similar: parameters that it has and that may have been meant.
+    """
+
+    def __init__(self, name: str, node: str, similar: Sequence[str]) -> None:
+        self.name = name
+        self.node = node
+        self.similar = tuple(similar)
+        hint = f"; did you mean {' or '.join(self.similar)}?" if self.similar else ""
+        super().__init__(f"{node} has no parameter '{name}'{hint}")
+
+
 class UnknownPlannerError(BspPlannerError):
     """An unknown planner id.
 

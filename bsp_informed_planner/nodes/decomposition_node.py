@@ -18,6 +18,7 @@ from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import (
     BspPlannerError,
     InvalidObstacleError,
+    InvalidOptionError,
     SceneUnavailableError,
     UnknownFrameError,
 )
@@ -25,7 +26,7 @@ from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.graph_conversions import graph_to_msg
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
-from bsp_informed_planner.nodes.parameters import declare, parameter
+from bsp_informed_planner.nodes.parameters import NodeParameters, parameter
 from bsp_informed_planner.nodes.qos import LATCHED, LATCHED_UPDATES, UPDATES
 from bsp_informed_planner.nodes.scene_conversions import bounds_from_msg, diff_from_msg, scene_to_msg
 from bsp_informed_planner.scene.diff import ObstacleOperation, SceneDiff, apply
@@ -37,7 +38,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class DecompositionParameters:
+class DecompositionParameters(NodeParameters):
     """Parameters of the decomposition node."""
 
     frame_id: str = parameter("world", "Planning frame: scenes must be given in it. The root link of the robot.")
@@ -49,9 +50,19 @@ class DecompositionParameters:
         (1.0, 1.0, 1.5), "Upper bounds of the space decomposed, where a scene gives none [m]."
     )
     grid: int = parameter(3, "Keypoint candidates along each side of a portal; odd.", minimum=1, maximum=15)
-    max_bodies: int = parameter(1000, "Most shapes of a scene, all obstacles together.", minimum=1, maximum=100000)
-    publish_edges: bool = parameter(False, "List the edges in keypoint_graph, though the portals imply them.")
-    publish_markers: bool = parameter(True, "Publish decomposition_markers for RViz and Foxglove.")
+    max_bodies: int = parameter(
+        1000, "Most shapes of a scene, all obstacles together.", minimum=1, maximum=100000, live=True
+    )
+    publish_edges: bool = parameter(
+        False, "List the edges in keypoint_graph, though the portals imply them.", live=True
+    )
+    publish_markers: bool = parameter(True, "Publish decomposition_markers for RViz and Foxglove.", live=True)
+
+    def validate(self) -> None:
+        if self.grid % 2 == 0:
+            raise InvalidOptionError("parameter grid", self.grid, "an odd number")
+        if not all(low < high for low, high in zip(self.workspace_min, self.workspace_max, strict=True)):
+            raise InvalidOptionError("parameter workspace_min", self.workspace_min, "less than workspace_max")
 
 
 class DecompositionNode(PlannerSuiteNode):
@@ -66,7 +77,7 @@ class DecompositionNode(PlannerSuiteNode):
         super().__init__("decomposition_node", **options)
 
     def setup(self) -> None:
-        self._settings = declare(self, DecompositionParameters)
+        self._parameter_set = self.follow_parameters(DecompositionParameters)
         self._bounds = WorkspaceBounds(np.array(self._settings.workspace_min), np.array(self._settings.workspace_max))
         self._decomposer = IncrementalDecomposer(
             DecompositionOptions(dimension=self._settings.dimension, grid=self._settings.grid)
@@ -91,6 +102,10 @@ class DecompositionNode(PlannerSuiteNode):
                 ObstacleScene, "obstacle_scene", self._on_scene, profile, callback_group=group
             )
             self.release_with(self.destroy_subscription, subscription)
+
+    @property
+    def _settings(self) -> DecompositionParameters:
+        return self._parameter_set.values
 
     def _latched(self, kind: type, topic: str) -> Publisher:
         publisher = self.create_publisher(kind, topic, LATCHED)

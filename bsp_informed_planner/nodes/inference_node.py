@@ -19,7 +19,7 @@ from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, Inv
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
-from bsp_informed_planner.nodes.parameters import declare, parameter
+from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
 from bsp_informed_planner.nodes.scene_conversions import point_to_msg
 from bsp_informed_planner.nodes.world import WorldTracker
@@ -40,10 +40,14 @@ MAX_GOALS = 1000
 class InferenceParameters(RobotParameters):
     """Parameters of the inference node."""
 
-    model: str = parameter("bsp", "Model that serves requests that name none.", choices=MODELS)
-    allow_empty_scene: bool = parameter(True, "Serve scenes without obstacles.")
-    max_seconds: float = parameter(2.0, "Most time for the chains of one request [s].", minimum=0.01, maximum=60.0)
-    sigma: float = parameter(0.2, "Standard deviation of samples around a chain [rad].", minimum=1e-3, maximum=3.0)
+    model: str = parameter("bsp", "Model that serves requests that name none.", choices=MODELS, live=True)
+    allow_empty_scene: bool = parameter(True, "Serve scenes without obstacles.", live=True)
+    max_seconds: float = parameter(
+        2.0, "Most time for the chains of one request [s].", minimum=0.01, maximum=60.0, live=True
+    )
+    sigma: float = parameter(
+        0.2, "Standard deviation of samples around a chain [rad].", minimum=1e-3, maximum=3.0, live=True
+    )
 
 
 class InferenceNode(PlannerSuiteNode):
@@ -53,11 +57,11 @@ class InferenceNode(PlannerSuiteNode):
         super().__init__("inference_node", **options)
 
     def setup(self) -> None:
-        self._settings = declare(self, InferenceParameters)
-        self._options = KeypointGuideOptions(sigma=self._settings.sigma)
+        self._parameter_set = self.follow_parameters(InferenceParameters, self._on_parameters)
         self._served = 0
         self._last_seconds = 0.0
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
+        self._on_parameters(self._settings)
         self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
         self.release_with(self._world.close)
         self.release_with(self._robot_source.close)
@@ -68,6 +72,14 @@ class InferenceNode(PlannerSuiteNode):
         ):
             service = self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
             self.release_with(self.destroy_service, service)
+
+    @property
+    def _settings(self) -> InferenceParameters:
+        return self._parameter_set.values
+
+    def _on_parameters(self, settings: InferenceParameters) -> None:
+        self._options = KeypointGuideOptions(sigma=settings.sigma)
+        self._world.allow_empty_scene = settings.allow_empty_scene
 
     def diagnostic_values(self) -> dict[str, object]:
         return {

@@ -6,6 +6,7 @@ import logging
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,8 +17,11 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.errors import BspPlannerError, NodeInactiveError
+from bsp_informed_planner.nodes.parameters import NodeParameters, ParameterSet, declare
 
 logger = logging.getLogger(__name__)
+
+T = TypeVar("T", bound=NodeParameters)
 
 DIAGNOSTICS_PERIOD = 1.0
 
@@ -39,7 +43,7 @@ class PlannerSuiteNode(LifecycleNode):
         self._last_error = ""
         self._resources = ExitStack()
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self.declare_parameter("autostart", True)
+        declare(self, NodeParameters, "autostart")
 
     # --- for subclasses ---
 
@@ -50,6 +54,16 @@ class PlannerSuiteNode(LifecycleNode):
             BspPlannerError: with a sentence; the node then stays unconfigured.
         """
         raise NotImplementedError
+
+    def follow_parameters(self, kind: type[T], on_change: Callable[[T], None] | None = None) -> ParameterSet[T]:
+        """Declare and read the node's parameters, and follow their changes until it is cleaned up.
+
+        Raises:
+            InvalidOptionError, UnknownParameterError: see `ParameterSet`.
+        """
+        parameters = ParameterSet(self, kind, on_change)
+        self.release_with(parameters.close)
+        return parameters
 
     def release_with(self, release: Callable[..., object], *arguments: object) -> None:
         """Call this when the node is cleaned up, after what was registered later."""

@@ -19,10 +19,10 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
+from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
-from bsp_informed_planner.nodes.parameters import declare, parameter
+from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.plan_conversions import options_from_msg, problem_from_msg, response_from_result
 from bsp_informed_planner.nodes.plan_jobs import PlanJobs
 from bsp_informed_planner.nodes.qos import LATCHED
@@ -50,36 +50,54 @@ ANSWER_SECONDS = 2.0
 class PlannerParameters(RobotParameters):
     """Parameters of the planner node."""
 
-    planner_id: str = parameter("anytime", "Planner of requests that name none.", choices=PLANNER_IDS)
-    sampler_id: str = parameter("keypoint_tube", "Sampler of requests that name none.", choices=SAMPLER_IDS)
-    allowed_planning_time: float = parameter(5.0, "Time of requests that give none [s].", minimum=0.01, maximum=600.0)
-    max_seconds: float = parameter(60.0, "Longest time that a request may ask for [s].", minimum=0.01, maximum=3600.0)
-    uniform_fraction: float = parameter(0.5, "Share of uniform samples, lambda.", minimum=0.0, maximum=1.0)
+    planner_id: str = parameter("anytime", "Planner of requests that name none.", choices=PLANNER_IDS, live=True)
+    sampler_id: str = parameter("keypoint_tube", "Sampler of requests that name none.", choices=SAMPLER_IDS, live=True)
+    allowed_planning_time: float = parameter(
+        5.0, "Time of requests that give none [s].", minimum=0.01, maximum=600.0, live=True
+    )
+    max_seconds: float = parameter(
+        60.0, "Longest time that a request may ask for [s].", minimum=0.01, maximum=3600.0, live=True
+    )
+    uniform_fraction: float = parameter(0.5, "Share of uniform samples, lambda.", minimum=0.0, maximum=1.0, live=True)
     search_resolution: float = parameter(
         0.0,
         "While searching, no point of the robot moves further between two checks [m]; 0: the robot's default.",
         minimum=0.0,
         maximum=1.0,
+        live=True,
     )
     verification_resolution: float = parameter(
-        0.0, "The same for the path that is returned [m]; 0: the robot's default.", minimum=0.0, maximum=1.0
+        0.0, "The same for the path that is returned [m]; 0: the robot's default.", minimum=0.0, maximum=1.0, live=True
     )
-    padding: float = parameter(0.0, "Distance kept from obstacles [m].", minimum=0.0, maximum=1.0)
+    padding: float = parameter(0.0, "Distance kept from obstacles [m].", minimum=0.0, maximum=1.0, live=True)
     blend_deviation: float = parameter(
         -1.0,
         "How far the timed path may leave the corners of the path [rad or m]; negative: the robot's default.",
         minimum=-1.0,
         maximum=1.0,
+        live=True,
     )
-    trajectory_time_step: float = parameter(0.02, "Between two points of a trajectory [s].", minimum=1e-3, maximum=1.0)
-    allow_empty_scene: bool = parameter(False, "Plan in a scene without obstacles, instead of refusing to.")
-    use_inference: bool = parameter(True, "Ask the inference node for guidance; false: find keypoints here.")
-    inference_timeout: float = parameter(1.0, "Longest wait for the inference node [s].", minimum=0.01, maximum=60.0)
+    trajectory_time_step: float = parameter(
+        0.02, "Between two points of a trajectory [s].", minimum=1e-3, maximum=1.0, live=True
+    )
+    allow_empty_scene: bool = parameter(False, "Plan in a scene without obstacles, instead of refusing to.", live=True)
+    use_inference: bool = parameter(True, "Ask the inference node for guidance; false: find keypoints here.", live=True)
+    inference_timeout: float = parameter(
+        1.0, "Longest wait for the inference node [s].", minimum=0.01, maximum=60.0, live=True
+    )
     workers: int = parameter(2, "How many plans are worked on at once.", minimum=1, maximum=64)
-    joint_state_max_age: float = parameter(
-        1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0
-    )
     queue_size: int = parameter(16, "How many more may wait; one beyond is refused at once.", minimum=0, maximum=1000)
+    joint_state_max_age: float = parameter(
+        1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0, live=True
+    )
+
+    def validate(self) -> None:
+        if self.allowed_planning_time > self.max_seconds:
+            raise InvalidOptionError(
+                "parameter allowed_planning_time",
+                self.allowed_planning_time,
+                f"at most max_seconds, {self.max_seconds:g}",
+            )
 
     def plan_options(self) -> PlanOptions:
         """Options of a request that leaves everything open."""
@@ -107,7 +125,7 @@ class PlannerNode(PlannerSuiteNode):
         super().__init__("planner_node", **options)
 
     def setup(self) -> None:
-        self._settings = declare(self, PlannerParameters)
+        self._parameter_set = self.follow_parameters(PlannerParameters, self._on_parameters)
         self._defaults = self._settings.plan_options()
         # Position and time of arrival of each joint.
         self._joint_states: dict[str, tuple[float, float]] = {}
@@ -149,6 +167,15 @@ class PlannerNode(PlannerSuiteNode):
         # Released first: every request is answered while the services are still there.
         self._jobs: PlanJobs[PlanResponse] = PlanJobs(self._settings.workers, self._settings.queue_size)
         self.release_with(self._finish_jobs)
+
+    @property
+    def _settings(self) -> PlannerParameters:
+        return self._parameter_set.values
+
+    def _on_parameters(self, settings: PlannerParameters) -> None:
+        self._defaults = settings.plan_options()
+        self._world.allow_empty_scene = settings.allow_empty_scene
+        self._guide.timeout = settings.inference_timeout
 
     def _finish_jobs(self) -> None:
         """Cancel what runs and waits, and let the executor send the answers."""

@@ -38,13 +38,13 @@ class RemoteGuide:
 
     Args:
         node: owns the clients.
-        timeout: longest wait for one answer [s].
+        timeout: longest wait for one answer [s]; may be changed.
     """
 
     def __init__(self, node: LifecycleNode, timeout: float) -> None:
         group = ReentrantCallbackGroup()
         self._node = node
-        self._timeout = timeout
+        self.timeout = timeout
         self._estimate = node.create_client(EstimateKeypoints, "estimate_keypoints", callback_group=group)
         self._sample = node.create_client(SampleConfigurations, "sample_configurations", callback_group=group)
 
@@ -77,7 +77,7 @@ class RemoteGuide:
             PlanningCancelledError: cancelled while waiting.
         """
         begin = time.monotonic()
-        end = begin + min(seconds, self._timeout)
+        end = begin + min(seconds, self.timeout)
         request = EstimateKeypoints.Request(
             start=float64_field(start),
             goals=float64_field(goals),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
 
-from bsp_informed_planner.nodes.parameters import parameter
+from bsp_informed_planner.nodes.parameters import NodeParameters, parameter
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.robots.arm import load_arm
 from bsp_informed_planner.robots.demo_arms import ur5
@@ -19,7 +19,7 @@ from bsp_informed_planner.robots.robot import Robot
 
 
 @dataclass(frozen=True)
-class RobotParameters:
+class RobotParameters(NodeParameters):
     """Parameters that choose the robot."""
 
     robot: str = parameter(

@@ -57,12 +57,12 @@ class WorldTracker:
 
     Args:
         node: subscribes.
-        allow_empty_scene: whether `current` accepts a scene without obstacles.
+        allow_empty_scene: whether `current` accepts a scene without obstacles; may be changed.
     """
 
     def __init__(self, node: LifecycleNode, allow_empty_scene: bool = False) -> None:
         self._node = node
-        self._allow_empty_scene = allow_empty_scene
+        self.allow_empty_scene = allow_empty_scene
         self._lock = threading.Condition()
         self._robot: Robot | None = None
         self._scene: Scene | None = None
@@ -138,7 +138,7 @@ class WorldTracker:
                 raise SceneUnavailableError("no scene yet: publish one on obstacle_scene")
             if revision not in (0, scene.revision):
                 raise SceneRevisionError(revision, scene.revision)
-            if scene.is_empty and not self._allow_empty_scene:
+            if scene.is_empty and not self.allow_empty_scene:
                 raise EmptySceneError(
                     f"scene {scene.revision} holds no obstacle; set parameter `allow_empty_scene` to plan in it"
                 )
