@@ -103,6 +103,25 @@ class SceneRevisionError(SceneError):
         super().__init__(f"scene revision {asked} was asked for, revision {available} is in force")
 
 
+class SceneEpochError(SceneError):
+    """A plan was asked for on a scene of another epoch: the decomposition node has been restarted in between.
+
+    Attributes:
+        asked: the epoch of the request.
+        available: the epoch in force; 0: none is known yet.
+    """
+
+    def __init__(self, asked: int, available: int) -> None:
+        self.asked = asked
+        self.available = available
+        super().__init__(
+            f"a scene of epoch {asked} was asked for, epoch {available} is in force: the decomposition node has been "
+            "restarted; publish the scene again"
+            if available > asked
+            else f"a scene of epoch {asked} was asked for, which has not been heard of (known: {available})"
+        )
+
+
 class UnknownFrameError(BspPlannerError):
     """A frame is neither the planning frame nor a frame of the robot.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ def refusal(node: PlannerSuiteNode, **values: object) -> str:
 )
 def test_bad_parameters_fail_the_transition(
     suite: Suite,
-    kind: type[PlannerSuiteNode],
+    kind: Callable[..., PlannerSuiteNode],
     values: dict[str, object],
     said: str,
     capfd: pytest.CaptureFixture[str],

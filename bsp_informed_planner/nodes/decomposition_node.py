@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections import Counter, deque
 from dataclasses import dataclass, replace
 
@@ -82,6 +83,7 @@ class DecompositionNode(PlannerSuiteNode):
         self._decomposer = IncrementalDecomposer(
             DecompositionOptions(dimension=self._settings.dimension, grid=self._settings.grid)
         )
+        self._epoch = time.time_ns()
         # The scene in force, whose graph is published, and the newest one, which the worker may still be at.
         self._scene: Scene | None = None
         self._newest: Scene | None = None
@@ -93,6 +95,10 @@ class DecompositionNode(PlannerSuiteNode):
         self._graph_publisher = self._latched(KeypointGraph, "keypoint_graph")
         self._status_publisher = self._latched(SceneStatus, "scene_status")
         self._marker_publisher = self._latched(MarkerArray, "decomposition_markers")
+        # Whoever knows a scene of an earlier epoch is told that it is no longer in force.
+        self._publish_status(
+            ErrorCode.COLLISION_CHECKING_UNAVAILABLE, "no scene yet: publish one on obstacle_scene", Time()
+        )
         self._worker = NewestFirstWorker(self._decompose, "decompose")
         self.release_with(self._worker.stop)
         # A volatile subscription hears every publisher, but of a latched one not what it said before; the other does.
@@ -115,6 +121,7 @@ class DecompositionNode(PlannerSuiteNode):
     def diagnostic_values(self) -> dict[str, object]:
         scene = self._scene
         return {
+            "scene_epoch": self._epoch,
             "scene_revision": 0 if scene is None else scene.revision,
             "obstacles": 0 if scene is None else len(scene.obstacles),
             "refused_messages": self._refused,
@@ -173,6 +180,7 @@ class DecompositionNode(PlannerSuiteNode):
             self._refuse(error, stamp)
             return
         whole.header.stamp = graph.header.stamp = stamp
+        whole.epoch = graph.scene_epoch = self._epoch
         self._scene = scene
         self._seconds = decomposition.timings.total_seconds
         # The graph first: whoever waits for the scene of a revision finds its graph there already.
@@ -196,7 +204,7 @@ class DecompositionNode(PlannerSuiteNode):
 
     def _publish_status(self, code: ErrorCode, text: str, stamp: Time) -> None:
         revision = 0 if self._scene is None else self._scene.revision
-        status = SceneStatus(revision=revision, error_code=int(code), message=text)
+        status = SceneStatus(epoch=self._epoch, revision=revision, error_code=int(code), message=text)
         status.header.stamp = stamp
         status.header.frame_id = self._settings.frame_id
         self._status_publisher.publish(status)

@@ -84,6 +84,7 @@ class InferenceNode(PlannerSuiteNode):
     def diagnostic_values(self) -> dict[str, object]:
         return {
             "model": self._settings.model,
+            "scene_epoch": self._world.epoch,
             "scene_revision": self._world.revision,
             "requests_served": self._served,
             "last_inference_seconds": round(self._last_seconds, 6),
@@ -106,8 +107,8 @@ class InferenceNode(PlannerSuiteNode):
     ) -> None:
         self.require_active()
         response.model = self._model(request.model)
-        world = self._world.current(int(request.scene_revision))
-        response.scene_revision = world.revision
+        world = self._world.current(int(request.scene_epoch), int(request.scene_revision))
+        response.scene_epoch, response.scene_revision = world.epoch, world.revision
         checker = world.planner.checker()
         start = free_state(world.robot, checker, "start", np.array(request.start))
         goals = self._rows("goal", request.goals, request.joints, world.robot.dof)
@@ -141,8 +142,8 @@ class InferenceNode(PlannerSuiteNode):
     def _sample(self, request: SampleConfigurations.Request, response: SampleConfigurations.Response) -> None:
         self.require_active()
         response.model = self._model(request.model)
-        world = self._world.current(int(request.scene_revision))
-        response.scene_revision = world.revision
+        world = self._world.current(int(request.scene_epoch), int(request.scene_revision))
+        response.scene_epoch, response.scene_revision = world.epoch, world.revision
         robot = world.robot
         if not 1 <= request.count <= MAX_SAMPLES:
             raise InvalidOptionError("count", request.count, f"1 to {MAX_SAMPLES}")

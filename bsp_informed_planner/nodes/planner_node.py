@@ -187,7 +187,12 @@ class PlannerNode(PlannerSuiteNode):
         time.sleep(0.05)
 
     def diagnostic_values(self) -> dict[str, object]:
-        return {"scene_revision": self._world.revision, "plans": self._plans, "failures": self._failures}
+        return {
+            "scene_epoch": self._world.epoch,
+            "scene_revision": self._world.revision,
+            "plans": self._plans,
+            "failures": self._failures,
+        }
 
     def _on_joint_states(self, message: JointState) -> None:
         with self._joint_lock:
@@ -253,7 +258,9 @@ class PlannerNode(PlannerSuiteNode):
             self.require_active()
             if cancelled():
                 raise PlanningCancelledError
-            world = self._world.current(int(request.scene_revision), SCENE_PATIENCE, cancelled)
+            world = self._world.current(
+                int(request.scene_epoch), int(request.scene_revision), SCENE_PATIENCE, cancelled
+            )
             problem = problem_from_msg(request, world.robot, self._recent_joint_states())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
@@ -261,6 +268,7 @@ class PlannerNode(PlannerSuiteNode):
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             return self._refusal(error, request, world)
         response = response_from_result(result, world.robot)
+        response.scene_epoch = world.epoch
         response.error_code = int(ErrorCode.SUCCESS)
         response.message = self._summary(result)
         self.get_logger().info(response.message)
@@ -275,7 +283,13 @@ class PlannerNode(PlannerSuiteNode):
         plan.search.report("guidance")
         try:
             return self._guide.guide(
-                plan.start, plan.goals, world.revision, plan.seed or 1, 0.5 * plan.budget.remaining, cancelled
+                plan.start,
+                plan.goals,
+                world.epoch,
+                world.revision,
+                plan.seed or 1,
+                0.5 * plan.budget.remaining,
+                cancelled,
             )
         except InferenceUnavailableError as error:
             local = world.planner.guide(plan)
@@ -304,6 +318,7 @@ class PlannerNode(PlannerSuiteNode):
             message=str(error),
             planner_id=request.planner_id or self._defaults.planner_id,
             sampler_id=request.sampler_id or self._defaults.sampler_id,
+            scene_epoch=self._world.epoch if world is None else world.epoch,
             scene_revision=self._world.revision if world is None else world.revision,
         )
 
