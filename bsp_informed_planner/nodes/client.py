@@ -15,8 +15,9 @@ from sensor_msgs.msg import JointState
 
 from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
+from bsp_informed_planner.nodes.obstacle_conversions import pose_to_msg
 from bsp_informed_planner.nodes.qos import LATCHED
-from bsp_informed_planner.nodes.scene_conversions import pose_to_msg, scene_to_msg
+from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene

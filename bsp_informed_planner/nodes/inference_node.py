@@ -19,9 +19,9 @@ from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, Inv
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
+from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
-from bsp_informed_planner.nodes.scene_conversions import point_to_msg
 from bsp_informed_planner.nodes.world import WorldTracker
 from bsp_informed_planner.planning.validation import free_state
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions

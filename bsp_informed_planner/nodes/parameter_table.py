@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from bsp_informed_planner.nodes.decomposition_node import DecompositionParameters
+from bsp_informed_planner.nodes.decomposition_parameters import DecompositionParameters
 from bsp_informed_planner.nodes.inference_node import InferenceParameters
 from bsp_informed_planner.nodes.parameters import NodeParameters, bounds_text
-from bsp_informed_planner.nodes.planner_node import PlannerParameters
+from bsp_informed_planner.nodes.planner_parameters import PlannerParameters
 
 KINDS: dict[str, type[NodeParameters]] = {
     "decomposition_node": DecompositionParameters,

@@ -19,7 +19,7 @@ from bsp_informed_planner.errors import (
     UnknownJointError,
 )
 from bsp_informed_planner.nodes.arrays import float64_field
-from bsp_informed_planner.nodes.scene_conversions import point_to_msg, pose_from_msg
+from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg, pose_from_msg
 from bsp_informed_planner.planning.problem import (
     Goal,
     JointGoal,
