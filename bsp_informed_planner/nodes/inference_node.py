@@ -19,6 +19,8 @@ from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, Inv
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
+from bsp_informed_planner.nodes.meter import Meter
+from bsp_informed_planner.nodes.models import MODELS
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
@@ -31,7 +33,6 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 logger = logging.getLogger(__name__)
 
-MODELS = ("bsp",)
 MAX_SAMPLES = 100_000
 MAX_GOALS = 1000
 
@@ -58,8 +59,8 @@ class InferenceNode(PlannerSuiteNode):
 
     def setup(self) -> None:
         self._parameter_set = self.follow_parameters(InferenceParameters, self._on_parameters)
-        self._served = 0
-        self._last_seconds = 0.0
+        self._estimates = Meter()
+        self._samples = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self._on_parameters(self._settings)
         self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
@@ -83,11 +84,12 @@ class InferenceNode(PlannerSuiteNode):
 
     def diagnostic_values(self) -> dict[str, object]:
         return {
+            "robot": self._world.robot_name,
             "model": self._settings.model,
             "scene_epoch": self._world.epoch,
             "scene_revision": self._world.revision,
-            "requests_served": self._served,
-            "last_inference_seconds": round(self._last_seconds, 6),
+            **self._estimates.values("estimates"),
+            **self._samples.values("sample_batches"),
         }
 
     def _on_estimate(
@@ -98,8 +100,8 @@ class InferenceNode(PlannerSuiteNode):
             self._estimate(request, response, begin + self._settings.max_seconds)
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self._refuse(error, response)
-        self._served += 1
-        self._last_seconds = response.inference_seconds = time.monotonic() - begin
+        response.inference_seconds = time.monotonic() - begin
+        self._estimates.count(response.inference_seconds)
         return response
 
     def _estimate(
@@ -135,8 +137,8 @@ class InferenceNode(PlannerSuiteNode):
             self._sample(request, response)
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self._refuse(error, response)
-        self._served += 1
-        self._last_seconds = response.inference_seconds = time.monotonic() - begin
+        response.inference_seconds = time.monotonic() - begin
+        self._samples.count(response.inference_seconds)
         return response
 
     def _sample(self, request: SampleConfigurations.Request, response: SampleConfigurations.Response) -> None:
@@ -183,6 +185,7 @@ class InferenceNode(PlannerSuiteNode):
         response.message = str(error)
         if not isinstance(error, BspPlannerError):
             # A caller must never wait for an answer that does not come.
+            self.note_error(f"{type(error).__name__}: {error}")
             logger.error("while serving a request", exc_info=error)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
-from bsp_informed_planner_msgs.srv import Plan
+from bsp_informed_planner_msgs.srv import GetPlannerInfo, Plan
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -21,15 +21,23 @@ from visualization_msgs.msg import MarkerArray
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
-from bsp_informed_planner.nodes.plan_conversions import options_from_msg, problem_from_msg, response_from_result
+from bsp_informed_planner.nodes.meter import Meter
+from bsp_informed_planner.nodes.models import MODELS
+from bsp_informed_planner.nodes.plan_conversions import (
+    changes_from_msg,
+    options_from_msg,
+    problem_from_msg,
+    response_from_result,
+)
 from bsp_informed_planner.nodes.plan_jobs import PlanJobs
+from bsp_informed_planner.nodes.planner_info import describe_robot, first_of
 from bsp_informed_planner.nodes.planner_parameters import PlannerParameters
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.remote_guidance import InferenceUnavailableError, RemoteGuide
 from bsp_informed_planner.nodes.robot_source import RobotSource
 from bsp_informed_planner.nodes.world import World, WorldTracker
 from bsp_informed_planner.planning.planner import PreparedPlan
-from bsp_informed_planner.planning.problem import PlanResult
+from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanResult
 from bsp_informed_planner.planning.search import Progress
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.visualization.markers import plan_markers
@@ -61,9 +69,9 @@ class PlannerNode(PlannerSuiteNode):
         # Position and time of arrival of each joint.
         self._joint_states: dict[str, tuple[float, float]] = {}
         self._joint_lock = threading.Lock()
-        self._plans = 0
         self._failures = 0
         self._in_flight = 0
+        self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
         self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
@@ -95,6 +103,8 @@ class PlannerNode(PlannerSuiteNode):
             result_timeout=RESULT_TIMEOUT,
         )
         self.release_with(action.destroy)
+        info = self.create_service(GetPlannerInfo, "get_planner_info", self._on_get_planner_info, callback_group=group)
+        self.release_with(self.destroy_service, info)
         # Released first: every request is answered while the services are still there.
         self._jobs: PlanJobs[PlanResponse] = PlanJobs(self._settings.workers, self._settings.queue_size)
         self.release_with(self._finish_jobs)
@@ -121,8 +131,11 @@ class PlannerNode(PlannerSuiteNode):
         return {
             "scene_epoch": self._world.epoch,
             "scene_revision": self._world.revision,
-            "plans": self._plans,
+            "robot": self._world.robot_name,
+            "model": self._settings.sampler_id,
+            "plans_in_flight": self._in_flight,
             "failures": self._failures,
+            **self._plans.values("plans"),
         }
 
     def _on_joint_states(self, message: JointState) -> None:
@@ -135,6 +148,27 @@ class PlannerNode(PlannerSuiteNode):
         oldest = time.monotonic() - (self._settings.joint_state_max_age or float("inf"))
         with self._joint_lock:
             return {name: position for name, (position, when) in self._joint_states.items() if when >= oldest}
+
+    def _on_get_planner_info(
+        self, request: GetPlannerInfo.Request, response: GetPlannerInfo.Response
+    ) -> GetPlannerInfo.Response:
+        settings = self._settings
+        response.planner_ids = first_of(settings.planner_id, PLANNER_IDS)
+        response.sampler_ids = first_of(settings.sampler_id, SAMPLER_IDS)
+        response.models = list(MODELS)
+        response.default_planning_time, response.max_planning_time = (
+            settings.allowed_planning_time,
+            settings.max_seconds,
+        )
+        response.workers, response.queue_size = settings.workers, settings.queue_size
+        response.plans_in_flight = self._in_flight
+        response.scene_epoch, response.scene_revision = self._world.epoch, self._world.revision
+        try:
+            describe_robot(self._world.robot, response)
+            response.error_code = int(ErrorCode.SUCCESS)
+        except BspPlannerError as error:
+            response.error_code, response.message = int(error_code(error)), str(error)
+        return response
 
     async def _on_plan(self, request: Plan.Request, response: Plan.Response) -> Plan.Response:
         response.response = await self._submit(request.request, lambda: False, None)
@@ -183,7 +217,15 @@ class PlannerNode(PlannerSuiteNode):
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
     ) -> PlanResponse:
         """One plan, in a worker thread. Never raises."""
-        self._plans += 1
+        begin = time.monotonic()
+        try:
+            return self._answer(request, cancelled, on_progress)
+        finally:
+            self._plans.count(time.monotonic() - begin)
+
+    def _answer(
+        self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
+    ) -> PlanResponse:
         world: World | None = None
         try:
             self.require_active()
@@ -192,6 +234,7 @@ class PlannerNode(PlannerSuiteNode):
             world = self._world.current(
                 int(request.scene_epoch), int(request.scene_revision), SCENE_PATIENCE, cancelled
             )
+            world = world.changed(changes_from_msg(request))
             problem = problem_from_msg(request, world.robot, self._recent_joint_states())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
@@ -210,6 +253,9 @@ class PlannerNode(PlannerSuiteNode):
     def _guidance(self, world: World, plan: PreparedPlan, cancelled: Callable[[], bool]) -> Guidance:
         """From the inference node; else exact keypoints found here; else uniform. The answer says which and why."""
         if plan.options.sampler_id == "uniform" or not self._settings.use_inference:
+            return world.planner.guide(plan)
+        if world.is_changed:
+            # The inference node does not know this scene.
             return world.planner.guide(plan)
         plan.search.report("guidance")
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneStatus
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -29,6 +29,7 @@ from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.diff import SceneDiff, apply
 from bsp_informed_planner.scene.scene import Scene
 
 
@@ -37,14 +38,19 @@ class World:
     """A consistent snapshot, safe to use from any thread.
 
     Attributes:
-        robot: the robot.
-        planner: for this robot and scene; holds the decomposition.
+        planner: for a robot and a scene; holds the decomposition.
         epoch: in which the decomposition node gave the scene its revision.
+        is_changed: whether this is the scene of that revision with changes that one request has made.
     """
 
-    robot: Robot
     planner: Planner
     epoch: int
+    is_changed: bool = False
+
+    @property
+    def robot(self) -> Robot:
+        """With what it holds in the scene."""
+        return self.planner.robot
 
     @property
     def scene(self) -> Scene:
@@ -53,6 +59,17 @@ class World:
     @property
     def revision(self) -> int:
         return self.planner.scene.revision
+
+    def changed(self, diff: SceneDiff) -> World:
+        """This world with changes that are nobody else's; its decomposition stays that of the scene as published.
+
+        Raises:
+            SceneError, UnknownFrameError: if the changes do not fit the scene or the robot.
+        """
+        if not (diff.operations or diff.attachments or diff.permissions):
+            return self
+        scene = replace(apply(self.scene, diff), revision=self.revision)
+        return World(Planner(self.robot, scene, decomposition=self.planner.decomposition), self.epoch, True)
 
 
 class WorldTracker:
@@ -111,6 +128,11 @@ class WorldTracker:
         return self._robot
 
     @property
+    def robot_name(self) -> str:
+        """Empty if none is known yet."""
+        return "" if self._robot is None else self._robot.name
+
+    @property
     def epoch(self) -> int:
         """In force; 0: none is known."""
         return 0 if self._status is None else int(self._status.epoch)
@@ -164,7 +186,7 @@ class WorldTracker:
             if decomposition is not None and decomposition.scene_revision != scene.revision:
                 decomposition = None
         # Outside of the lock: a large scene takes a while, in which the subscriptions must go on.
-        world = World(robot, Planner(robot, scene, decomposition=decomposition), epoch)
+        world = World(Planner(robot, scene, decomposition=decomposition), epoch)
         with self._lock:
             if self._scene is not None and self._scene[1] is scene and self.epoch == epoch and self._robot is robot:
                 self._world = world
