@@ -103,6 +103,25 @@ class SceneRevisionError(SceneError):
         super().__init__(f"scene revision {asked} was asked for, revision {available} is in force")
 
 
+class SceneEpochError(SceneError):
+    """A plan was asked for on a scene of another epoch: the decomposition node has been restarted in between.
+
+    Attributes:
+        asked: the epoch of the request.
+        available: the epoch in force; 0: none is known yet.
+    """
+
+    def __init__(self, asked: int, available: int) -> None:
+        self.asked = asked
+        self.available = available
+        super().__init__(
+            f"a scene of epoch {asked} was asked for, epoch {available} is in force: the decomposition node has been "
+            "restarted; publish the scene again"
+            if available > asked
+            else f"a scene of epoch {asked} was asked for, which has not been heard of (known: {available})"
+        )
+
+
 class UnknownFrameError(BspPlannerError):
     """A frame is neither the planning frame nor a frame of the robot.
 
@@ -136,15 +155,17 @@ class UnsupportedJointError(RobotError):
 
     Attributes:
         joint: its name.
-        kind: e.g. "mimic", "floating".
+        kind: e.g. "a mimic of 'finger'", "floating".
+        lock: what would hold it still, as "NAME=VALUE"; empty if nothing would.
     """
 
-    def __init__(self, joint: str, kind: str) -> None:
+    def __init__(self, joint: str, kind: str, lock: str = "") -> None:
         self.joint = joint
         self.kind = kind
+        self.lock = lock
+        held = f"hold this one still (--lock {lock}, parameter locked_joints)" if lock else "make this one fixed"
         super().__init__(
-            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can "
-            "move; hold others still (--lock NAME=VALUE, parameter locked_joints)"
+            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can move; {held}"
         )
 
 
@@ -269,6 +290,23 @@ class InvalidOptionError(BspPlannerError):
         self.value = value
         self.expected = expected
         super().__init__(f"{option} = {value!r}: expected {expected}")
+
+
+class UnknownParameterError(BspPlannerError):
+    """A node was given a parameter that it does not have.
+
+    Attributes:
+        name: of the parameter.
+        node: its name.
+        similar: parameters that it has and that may have been meant.
+    """
+
+    def __init__(self, name: str, node: str, similar: Sequence[str]) -> None:
+        self.name = name
+        self.node = node
+        self.similar = tuple(similar)
+        hint = f"; did you mean {' or '.join(self.similar)}?" if self.similar else ""
+        super().__init__(f"{node} has no parameter '{name}'{hint}")
 
 
 class UnknownPlannerError(BspPlannerError):
@@ -410,3 +448,36 @@ class KeypointsUnavailableError(BspPlannerError):
 
 class InvalidDecompositionError(BspPlannerError):
     """The arrays of a decomposition, e.g. of a received one, do not fit together."""
+
+
+# --- experience ----------------------------------------------------------------------------------------------------
+
+
+class DatasetError(BspPlannerError):
+    """A dataset of experience cannot be read or written.
+
+    Attributes:
+        path: its folder, or the file in it.
+        reason: what is wrong.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class DatasetMismatchError(DatasetError):
+    """A dataset is of another robot, dimension or collection than is needed.
+
+    Attributes:
+        what: in which they differ, e.g. "joints of the robot".
+        found: in the dataset.
+        expected: what is needed.
+    """
+
+    def __init__(self, path: str, what: str, found: object, expected: object) -> None:
+        self.what = what
+        self.found = found
+        self.expected = expected
+        super().__init__(path, f"{what}: the dataset has {found}, expected {expected}")
