@@ -103,6 +103,25 @@ class SceneRevisionError(SceneError):
         super().__init__(f"scene revision {asked} was asked for, revision {available} is in force")
 
 
+class SceneEpochError(SceneError):
+    """A plan was asked for on a scene of another epoch: the decomposition node has been restarted in between.
+
+    Attributes:
+        asked: the epoch of the request.
+        available: the epoch in force; 0: none is known yet.
+    """
+
+    def __init__(self, asked: int, available: int) -> None:
+        self.asked = asked
+        self.available = available
+        super().__init__(
+            f"a scene of epoch {asked} was asked for, epoch {available} is in force: the decomposition node has been "
+            "restarted; publish the scene again"
+            if available > asked
+            else f"a scene of epoch {asked} was asked for, which has not been heard of (known: {available})"
+        )
+
+
 class UnknownFrameError(BspPlannerError):
     """A frame is neither the planning frame nor a frame of the robot.
 
@@ -271,6 +290,23 @@ class InvalidOptionError(BspPlannerError):
         self.value = value
         self.expected = expected
         super().__init__(f"{option} = {value!r}: expected {expected}")
+
+
+class UnknownParameterError(BspPlannerError):
+    """A node was given a parameter that it does not have.
+
+    Attributes:
+        name: of the parameter.
+        node: its name.
+        similar: parameters that it has and that may have been meant.
+    """
+
+    def __init__(self, name: str, node: str, similar: Sequence[str]) -> None:
+        self.name = name
+        self.node = node
+        self.similar = tuple(similar)
+        hint = f"; did you mean {' or '.join(self.similar)}?" if self.similar else ""
+        super().__init__(f"{node} has no parameter '{name}'{hint}")
 
 
 class UnknownPlannerError(BspPlannerError):

@@ -44,7 +44,7 @@ def test_a_failing_plan_is_saved_and_repeated(tmp_path: Path) -> None:
 
 def test_what_is_not_saved(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     robot, scene = PointRobot(), gap_scene(0.5)
-    world = World(robot, Planner(robot, scene))
+    world = World(Planner(robot, scene), epoch=1)
     problem, options = PlanningProblem(np.zeros(2), [JointGoal(np.ones(2))]), PlanOptions()
     error = PlanningTimeoutError(1.0, 5)
     records = FailureRecords(str(tmp_path))

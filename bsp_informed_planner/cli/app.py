@@ -114,6 +114,16 @@ def nodes(
 
 
 @app.command()
+def parameters(
+    write: Annotated[Path | None, typer.Option(help="Write the table into this file, e.g. docs/parameters.md.")] = None,
+) -> None:
+    """Print the parameters of the nodes: types, defaults, bounds and meaning, as Markdown."""
+    from bsp_informed_planner.cli.parameters import run_parameters
+
+    raise typer.Exit(run_parameters(write))
+
+
+@app.command()
 def plan(
     scene: Annotated[
         Path,

@@ -91,7 +91,7 @@ def run_demo(seed: int, robot_name: str, seconds: float, out: Path) -> int:
                     f"published {len(problem.scene.obstacles)} obstacles on obstacle_scene: revision {revision}"
                 )
                 begin = time.monotonic()
-                request = request_for(problem, robot, seconds, seed, revision)
+                request = request_for(problem, robot, seconds, seed, client.epoch, revision)
                 response = client.plan(request, seconds=10.0)
                 answered = time.monotonic() - begin
                 graph = client.keypoint_graph

@@ -15,8 +15,9 @@ from sensor_msgs.msg import JointState
 
 from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
+from bsp_informed_planner.nodes.obstacle_conversions import pose_to_msg
 from bsp_informed_planner.nodes.qos import LATCHED
-from bsp_informed_planner.nodes.scene_conversions import pose_to_msg, scene_to_msg
+from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene
@@ -61,6 +62,11 @@ class SuiteClient:
         """Revision of the scene in force, as far as this client has heard; 0: none."""
         return 0 if self._status is None else int(self._status.revision)
 
+    @property
+    def epoch(self) -> int:
+        """Epoch of the scene in force, as far as this client has heard; 0: none."""
+        return 0 if self._status is None else int(self._status.epoch)
+
     def wait_for_nodes(self, seconds: float, alive: Callable[[], None] | None = None) -> None:
         """Wait until the decomposition node listens and `plan` is served, by a planner node that has guidance.
 
@@ -95,7 +101,7 @@ class SuiteClient:
             seconds: longest wait [s].
 
         Returns:
-            its revision.
+            its revision, in the epoch that `epoch` says.
 
         Raises:
             SceneRefusedError: if the decomposition node refused it.
@@ -109,6 +115,10 @@ class SuiteClient:
             # A newer scene may have superseded this one, of another client's or its own.
             return self._status is not None and _nanoseconds(self._status.header.stamp) >= stamp
 
+        def graph_is_there() -> bool:
+            graph = self.keypoint_graph
+            return graph is not None and (graph.scene_epoch, graph.scene_revision) == (self.epoch, revision)
+
         self._publisher.publish(message)
         if not self._spin_until(is_answered, seconds):
             raise SuiteUnavailableError(f"the decomposition node did not answer a scene within {seconds:.0f} s")
@@ -116,8 +126,7 @@ class SuiteClient:
         if self._status.error_code != ErrorCode.SUCCESS:
             raise SceneRefusedError(self._status.message)
         revision = int(self._status.revision)
-        graph_there = lambda: self.keypoint_graph is not None and self.keypoint_graph.scene_revision == revision  # noqa: E731
-        if not self._spin_until(graph_there, seconds):
+        if not self._spin_until(graph_is_there, seconds):
             raise SuiteUnavailableError(f"no keypoint_graph of scene {revision} within {seconds:.0f} s")
         return revision
 
@@ -137,7 +146,8 @@ class SuiteClient:
         end = time.monotonic() + seconds
         while True:
             response = self._plan_once(request, max(end - time.monotonic(), 0.0))
-            behind = response.error_code in BEHIND and response.scene_revision < request.scene_revision
+            known = response.scene_epoch if request.scene_epoch else 0, response.scene_revision
+            behind = response.error_code in BEHIND and known < (request.scene_epoch, request.scene_revision)
             if not behind or time.monotonic() >= end:
                 return response
 
@@ -169,7 +179,7 @@ class SuiteClient:
 
 
 def request_for(
-    problem: ScenarioProblem, robot: Robot, allowed_seconds: float, seed: int = 0, revision: int = 0
+    problem: ScenarioProblem, robot: Robot, allowed_seconds: float, seed: int = 0, epoch: int = 0, revision: int = 0
 ) -> PlanRequest:
     """The request that states a problem.
 
@@ -178,11 +188,11 @@ def request_for(
         robot: names the joints.
         allowed_seconds: planning time [s].
         seed: of the planner; 0: it draws one.
-        revision: of the scene to plan on, as `SuiteClient.publish_scene` returned it; 0: the latest that the planner
-            node has heard of.
+        epoch, revision: of the scene to plan on, see `SuiteClient.publish_scene`; 0: the latest that the planner node
+            has heard of.
     """
     names = list(robot.joint_names)
-    request = PlanRequest(allowed_planning_time=allowed_seconds, seed=seed, scene_revision=revision)
+    request = PlanRequest(allowed_planning_time=allowed_seconds, seed=seed, scene_epoch=epoch, scene_revision=revision)
     request.start = JointState(name=names, position=problem.start.tolist())
     request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in problem.goals]
     for pose in problem.goal_poses:

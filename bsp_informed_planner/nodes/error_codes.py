@@ -62,6 +62,7 @@ _BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
     (errors.InvalidOptionError, ErrorCode.PLANNING_FAILED),
     (errors.SceneUnavailableError, ErrorCode.COLLISION_CHECKING_UNAVAILABLE),
     (errors.EmptySceneError, ErrorCode.UNABLE_TO_ACQUIRE_SENSOR_DATA),
+    (errors.SceneEpochError, ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE),
     (errors.SceneRevisionError, ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE),
     (errors.SceneRefusedError, ErrorCode.SENSOR_INFO_STALE),
     (errors.SceneError, ErrorCode.INVALID_OBJECT_NAME),
