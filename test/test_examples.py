@@ -39,16 +39,6 @@ def test_own_robot(tmp_path: Path) -> None:
     assert "PlanResult(certified" in printed
 
 
-def test_own_robot_without_its_gripper_held_says_what_to_do(tmp_path: Path) -> None:
-    command = [sys.executable, str(EXAMPLES / "own_robot.py"), "--lock", "roll=0"]
-    done = subprocess.run(
-        command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    assert "--lock grip=0.015" in done.stdout
-    assert "mend the errors first" in done.stderr
-
-
 def test_own_scene(tmp_path: Path) -> None:
     printed = run("own_scene.py", tmp_path, "--out", "made")
     assert "3 obstacles" in printed
