@@ -9,11 +9,13 @@ from pathlib import Path
 
 import typer
 
+from bsp_informed_planner.cli.output_files import prepare_output
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.scene.moveit_yaml import load_scene
+from bsp_informed_planner.scene.outside import outside_warning
 
 
 def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Path | None) -> int:
@@ -21,6 +23,10 @@ def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Pat
     if grid % 2 == 0:
         raise InvalidOptionError("--grid", grid, "an odd number, so that the centre of each portal is a candidate")
     scene = load_scene(path)
+    prepare_output("--png", png)
+    warning = outside_warning(scene)
+    if warning:
+        typer.echo(f"warning: {warning}", err=True)
     # Loading kernels is not what the times are about.
     ensure_compiled()
     result = decompose(scene, DecompositionOptions(dimension=dimension, grid=grid))
@@ -50,6 +56,7 @@ def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Pat
         content = {
             **counts,
             **timings,
+            "warnings": [warning] if warning else [],
             "cells": cells,
             "portals_of_cells": portals,
             "candidate_points": result.candidates.tolist(),
