@@ -59,6 +59,10 @@ LockOption = Annotated[
         "--lock", help="NAME=VALUE: hold this joint of --urdf still, e.g. a finger [rad or m]. May be repeated."
     ),
 ]
+HostOption = Annotated[
+    str, typer.Option(help="Address that the page is served at; 0.0.0.0 lets other computers look too.")
+]
+PortOption = Annotated[int, typer.Option(help="Port of the page, or the next one that is free.", min=0, max=65535)]
 
 
 def _choice(
@@ -185,11 +189,14 @@ def decompose(
     grid: Annotated[int, typer.Option(help="Keypoint candidates along each side of a portal; odd.", min=1)] = 3,
     json: Annotated[bool, typer.Option("--json", help="Print cells, portals, candidates and times as JSON.")] = False,
     png: Annotated[Path | None, typer.Option(help="Draw cells, portals and candidates into this file.")] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it in a browser, to turn and try; Ctrl-C ends.")] = False,
+    host: HostOption = "localhost",
+    port: PortOption = 8080,
 ) -> None:
     """Partition a scene file by BSP, and say what came of it."""
     from bsp_informed_planner.cli.decompose import run_decompose
 
-    raise typer.Exit(run_decompose(scene, dimension, grid, json, png))
+    raise typer.Exit(run_decompose(scene, dimension, grid, json, png, (host, port) if view else None))
 
 
 def main() -> None:
