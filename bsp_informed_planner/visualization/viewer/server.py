@@ -24,7 +24,7 @@ DEFAULT_HOST = "localhost"
 # Direction of the first look, from the middle of things to the eye, and how far away it is in diagonals of their box.
 FIRST_LOOK = np.array([-0.75, -0.45, 0.5])
 FROM_ABOVE = np.array([0.0, -1e-3, 1.0])
-DISTANCE = 1.1
+DISTANCE, FLAT_DISTANCE = 1.1, 0.75
 
 
 class Viewer:
@@ -75,7 +75,8 @@ class Viewer:
         direction = direction / np.linalg.norm(direction)
         extent = np.linalg.norm((upper - lower)[:2] if from_above else upper - lower)
         camera = self.server.initial_camera
-        camera.position = tuple(centre + DISTANCE * float(extent) * direction)
+        distance = (FLAT_DISTANCE if from_above else DISTANCE) * float(extent)
+        camera.position = tuple(centre + distance * direction)
         camera.look_at = tuple(centre)
 
     def wait(self) -> None:
