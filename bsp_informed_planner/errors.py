@@ -414,17 +414,6 @@ class InvalidDecompositionError(BspPlannerError):
     """The arrays of a decomposition, e.g. of a received one, do not fit together."""
 
 
-class ViewerUnavailableError(BspPlannerError):
-    """A page for a browser was asked for, but viser cannot be imported; `reason` says why."""
-
-    def __init__(self, reason: str) -> None:
-        self.reason = reason
-        super().__init__(
-            f"the viewer needs viser, which cannot be imported ({reason}): install it with "
-            "`pip install 'bsp_informed_planner[view]'`"
-        )
-
-
 # --- experience ----------------------------------------------------------------------------------------------------
 
 

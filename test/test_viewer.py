@@ -17,7 +17,7 @@ from random_scenes import CUBE
 
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.errors import ViewerUnavailableError
+from bsp_informed_planner.errors import MissingPackageError
 from bsp_informed_planner.scene.maze import environment
 from bsp_informed_planner.scene.moveit_yaml import load_scene
 from bsp_informed_planner.scene.scene import Scene
@@ -183,7 +183,7 @@ def test_an_upright_polygon_is_cut_at_a_height() -> None:
 
 def test_without_viser_a_sentence_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(ViewerUnavailableError, match="pip install"):
+    with pytest.raises(MissingPackageError, match="pip install"):
         Viewer("test", port=0)
 
 

@@ -64,6 +64,21 @@ def _choice(
     return RobotChoice(robot.value, urdf, srdf, tuple(package_dir or ()), tool_frame, tuple(lock or ()))
 
 
+def _named_choice(
+    robot: DemoRobot | None,
+    urdf: Path | None,
+    srdf: Path | None,
+    package_dir: list[Path] | None,
+    tool_frame: str | None,
+    lock: list[str] | None,
+) -> RobotChoice | None:
+    """None if no option names a robot: a file may."""
+    options = (srdf, package_dir, tool_frame, lock)
+    if robot is None and urdf is None and not any(options):
+        return None
+    return _choice(robot or DemoRobot.UR5, urdf, *options)
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"bsp-planner {__version__}")
@@ -154,10 +169,7 @@ def plan(
     """Plan a path through a scene file, without ROS, or repeat a plan that a planner node has saved."""
     from bsp_informed_planner.cli.plan import PlanArguments, run_plan
 
-    options = (srdf, package_dir, tool_frame, lock)
-    choice = None
-    if robot is not None or urdf is not None or any(options):
-        choice = _choice(robot or DemoRobot.UR5, urdf, *options)
+    choice = _named_choice(robot, urdf, srdf, package_dir, tool_frame, lock)
     raise typer.Exit(
         run_plan(
             PlanArguments(
@@ -195,6 +207,30 @@ def decompose(
     from bsp_informed_planner.cli.decompose import run_decompose
 
     raise typer.Exit(run_decompose(scene, dimension, grid, json, png, (host, port) if view else None))
+
+
+@app.command()
+def view(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Scene or problem file: our YAML, or a MoveIt planning scene. Default: a random example.", exists=True
+        ),
+    ] = None,
+    robot: PlanRobotOption = None,
+    urdf: UrdfOption = None,
+    srdf: SrdfOption = None,
+    package_dir: PackageOption = None,
+    tool_frame: ToolOption = None,
+    lock: LockOption = None,
+    seed: Annotated[int, typer.Option(help="Picks the example.", min=0)] = 1,
+    host: HostOption = "localhost",
+    port: PortOption = 8080,
+) -> None:
+    """Show a robot in a scene in a browser: set start and goal, plan, watch it move. Ctrl-C ends."""
+    from bsp_informed_planner.cli.view import run_view
+
+    raise typer.Exit(run_view(scene, _named_choice(robot, urdf, srdf, package_dir, tool_frame, lock), seed, host, port))
 
 
 @app.command()

@@ -14,7 +14,7 @@ def open_viewer(title: str, host: str, port: int) -> Viewer:
     """An empty page.
 
     Raises:
-        ViewerUnavailableError: if viser is not installed.
+        MissingPackageError: if viser is not installed.
     """
     from bsp_informed_planner.visualization.viewer.server import Viewer
 

@@ -29,14 +29,20 @@ class DecompositionLayer:
         cells, portals, outer_portals, candidates, graph: what is shown and hidden.
     """
 
-    def __init__(self, viewer: Viewer, decomposition: Decomposition) -> None:
+    def __init__(self, viewer: Viewer, decomposition: Decomposition, *, on: bool = True) -> None:
+        """
+        Args:
+            viewer: the page.
+            decomposition: what is shown.
+            on: whether cells, portals and candidates are shown at first.
+        """
         self._viewer = viewer
-        self.cells = Switch(viewer, "Free cells", hint="Edges of all free cells.")
-        self.portals = Switch(viewer, "Portals", hint="Where two free cells touch, between obstacles.")
+        self.cells = Switch(viewer, "Free cells", on=on, hint="Edges of all free cells.")
+        self.portals = Switch(viewer, "Portals", on=on, hint="Where two free cells touch, between obstacles.")
         self.outer_portals = Switch(
             viewer, "Portals at the border", on=False, hint="The others: those that touch the border of the workspace."
         )
-        self.candidates = Switch(viewer, "Keypoint candidates", hint="Points on portals.")
+        self.candidates = Switch(viewer, "Keypoint candidates", on=on, hint="Points on portals.")
         self.graph = Switch(
             viewer, "Graph", on=False, hint=f"Lines between candidates that see each other; {MOST_EDGES:,} at most."
         )

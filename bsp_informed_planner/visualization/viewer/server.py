@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bsp_informed_planner.errors import ViewerUnavailableError
+from bsp_informed_planner.errors import MissingPackageError
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.visualization.palette import Colour
 
@@ -24,7 +24,7 @@ DEFAULT_HOST = "localhost"
 # Direction of the first look, from the middle of things to the eye, and how far away it is in diagonals of their box.
 FIRST_LOOK = np.array([-0.75, -0.45, 0.5])
 FROM_ABOVE = np.array([0.0, -1e-3, 1.0])
-DISTANCE, FLAT_DISTANCE = 1.1, 0.75
+DISTANCE, FLAT_DISTANCE = 1.1, 0.85
 
 
 class Viewer:
@@ -45,12 +45,12 @@ class Viewer:
             port: the first of which it takes one that is free.
 
         Raises:
-            ViewerUnavailableError: if viser is not installed.
+            MissingPackageError: if viser is not installed.
         """
         try:
             module: Any = importlib.import_module("viser")
         except ImportError as error:
-            raise ViewerUnavailableError(str(error)) from error
+            raise MissingPackageError("the viewer", "viser", "view") from error
         self.host = host
         with _silence():
             self.server = module.ViserServer(host=host, port=port, label=title, verbose=False)

@@ -62,6 +62,7 @@ class Switch:
         self._viewer = viewer
         self._nodes: list[Any] = []
         self._make: Callable[[], list[Any]] | None = None
+        self._is_hidden = False
         self.box = viewer.server.gui.add_checkbox(label, on, hint=hint or None)
         self.box.on_update(lambda _: self._apply())
 
@@ -93,10 +94,15 @@ class Switch:
             self._make = make
             self._apply()
 
+    def hide(self, hidden: bool) -> None:
+        """Hides the nodes for now, whatever the box says, or not any more."""
+        self._is_hidden = hidden
+        self._apply()
+
     def _apply(self) -> None:
         with self._viewer.lock:
             if self._make is not None and self.is_on:
                 self.replace(self._make())
                 return
             for node in self._nodes:
-                node.visible = self.is_on
+                node.visible = self.is_on and not self._is_hidden
