@@ -17,7 +17,7 @@ from bsp_informed_planner.cli.view import example_problem, first_ends
 from bsp_informed_planner.errors import PlanningCancelledError, PlanningTimeoutError
 from bsp_informed_planner.planning.growth import record_growth
 from bsp_informed_planner.planning.planner import Planner
-from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PlanOptions
+from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PlanOptions, PoseGoal
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.visualization.palette import START
@@ -44,7 +44,7 @@ def planner() -> Planner:
 
 
 def maze_page(viewer: Viewer, planner: Planner, way: PlanFunction | None = None) -> PlanPage:
-    start, goal = first_ends(planner, example_problem(planner.robot, SEED))
+    start, goal, _ = first_ends(planner, example_problem(planner.robot, SEED))
     options = PlanOptions(allowed_seconds=3.0, first_solution=True, seed=1)
     return PlanPage(viewer, planner, {"library": way or library_plan(planner)}, start, goal, options=options)
 
@@ -108,7 +108,7 @@ def test_a_state_in_collision_is_dark_and_gives_no_plan(viewer: Viewer, planner:
     page.plan()
     assert page.wait(20.0)
     assert "**No plan**" in page.message
-    start, _ = first_ends(planner, example_problem(planner.robot, SEED))
+    start, *_ = first_ends(planner, example_problem(planner.robot, SEED))
     page.start.move(start)
     assert page.start.is_free
     assert page.start.robot.nodes[0].color == rgb(START)
@@ -128,7 +128,7 @@ def test_trees_grow_with_the_slider(viewer: Viewer, planner: Planner) -> None:
 
 
 def test_grown_trees_are_trees(planner: Planner) -> None:
-    start, goal = first_ends(planner, example_problem(planner.robot, SEED))
+    start, goal, _ = first_ends(planner, example_problem(planner.robot, SEED))
     growth = record_growth(
         planner, PlanningProblem(start, [JointGoal(goal)]), PlanOptions(sampler_id="uniform", seed=0)
     )
@@ -183,8 +183,24 @@ def test_an_arm_has_its_bodies(viewer: Viewer) -> None:
     robot = ur5()
     loaded = example_problem(robot, 1)
     planner = Planner(robot, loaded.scene)
-    start, goal = first_ends(planner, loaded)
-    page = PlanPage(viewer, planner, {"library": library_plan(planner)}, start, goal)
+    start, goal, goals = first_ends(planner, loaded)
+    asked = []
+
+    def way(question: PlanQuestion, cancelled: Callable[[], bool]) -> PlanAnswer:
+        asked.append(question.goals)
+        raise PlanningCancelledError
+
+    page = PlanPage(viewer, planner, {"none": way}, start, goal, goals=goals)
+    assert isinstance(goals[0], PoseGoal)
+    # The pose is the goal until somebody moves it.
+    for _ in range(2):
+        page.plan()
+        assert page.wait(5.0)
+        set_value(page.goal.sliders[0], float(page.goal.configuration[0]) + 0.1)
+    assert asked[0] == goals
+    (moved,) = asked[1]
+    assert isinstance(moved, JointGoal)
+    page.goal.move(goal)
     assert len(page.start.sliders) == 6
     assert page.start.is_free
     assert page.goal.is_free

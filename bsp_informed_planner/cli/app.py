@@ -223,14 +223,19 @@ def view(
     package_dir: PackageOption = None,
     tool_frame: ToolOption = None,
     lock: LockOption = None,
+    nodes: Annotated[
+        bool, typer.Option("--nodes", help="Show the scene of running nodes, and plan through them; no file then.")
+    ] = False,
+    namespace: Annotated[str, typer.Option(help="ROS namespace of the nodes.")] = "",
     seed: Annotated[int, typer.Option(help="Picks the example.", min=0)] = 1,
     host: HostOption = "localhost",
     port: PortOption = 8080,
 ) -> None:
     """Show a robot in a scene in a browser: set start and goal, plan, watch it move. Ctrl-C ends."""
-    from bsp_informed_planner.cli.view import run_view
+    from bsp_informed_planner.cli.view import ViewArguments, run_view
 
-    raise typer.Exit(run_view(scene, _named_choice(robot, urdf, srdf, package_dir, tool_frame, lock), seed, host, port))
+    choice = _named_choice(robot, urdf, srdf, package_dir, tool_frame, lock)
+    raise typer.Exit(run_view(ViewArguments(scene, choice, nodes, namespace, seed, host, port)))
 
 
 @app.command()

@@ -53,7 +53,7 @@ class EndLayer:
             meshes: of the robot.
             checker: of its own, tells what is free.
             configuration: (n,) within the limits [rad or m].
-            on_change: called after a slider has moved.
+            on_change: called after somebody has moved a slider.
             ball: radius of the ball at the tool [m].
         """
         self._viewer = viewer
@@ -77,6 +77,7 @@ class EndLayer:
             self._text = gui.add_markdown("")
         # Sliders are rounded; who leaves them alone gets the configuration as it was given.
         self._configuration = configuration
+        self._is_moving = False
         for slider in self.sliders:
             slider.on_update(lambda _: self._moved())
         self._check()
@@ -96,15 +97,21 @@ class EndLayer:
         return self._configuration.copy()
 
     def move(self, configuration: FloatArray) -> None:
-        """Puts robot and sliders into a configuration (n,) [rad or m]."""
+        """Puts robot and sliders into a configuration (n,) [rad or m], without telling anybody."""
         with self._viewer.lock:
-            for slider, value in zip(self.sliders, configuration.tolist(), strict=True):
-                set_value(slider, value)
+            self._is_moving = True
+            try:
+                for slider, value in zip(self.sliders, configuration.tolist(), strict=True):
+                    set_value(slider, value)
+            finally:
+                self._is_moving = False
             self._configuration = configuration.copy()
             self._check()
 
     def _moved(self) -> None:
         with self._viewer.lock:
+            if self._is_moving:
+                return
             self._configuration = np.array([slider.value for slider in self.sliders], dtype=np.float64)
             self._check()
         self._on_change()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bsp_informed_planner.planning.planner import Planner
-from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PlanOptions
+from bsp_informed_planner.planning.problem import Goal, PlanningProblem, PlanOptions
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: Of samples that are shown beside a plan.
@@ -44,10 +44,10 @@ class PlanAnswer:
 
 @dataclass(frozen=True, eq=False)
 class PlanQuestion:
-    """What a page asks for: start and goal (n,) [rad or m], and how to plan."""
+    """What a page asks for: from a start (n,) [rad or m] to any of some goals, and how to plan."""
 
     start: FloatArray
-    goal: FloatArray
+    goals: tuple[Goal, ...]
     options: PlanOptions
 
 
@@ -59,7 +59,7 @@ def library_plan(planner: Planner) -> PlanFunction:
     """Plans in this process."""
 
     def plan(question: PlanQuestion, cancelled: Callable[[], bool]) -> PlanAnswer:
-        problem = PlanningProblem(question.start, [JointGoal(question.goal)])
+        problem = PlanningProblem(question.start, question.goals)
         result = planner.plan(problem, question.options, cancelled=cancelled)
         robot, guidance = planner.robot, result.guidance
         samples = np.empty((0, robot.dof))

@@ -13,7 +13,7 @@ import numpy as np
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.planning.growth import record_growth
 from bsp_informed_planner.planning.planner import Planner
-from bsp_informed_planner.planning.problem import SAMPLER_IDS, JointGoal, PlanningProblem, PlanOptions
+from bsp_informed_planner.planning.problem import SAMPLER_IDS, Goal, JointGoal, PlanningProblem, PlanOptions
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.visualization.shape_triangles import RobotMeshes
 from bsp_informed_planner.visualization.viewer.cost_curve import CostCurve
@@ -54,6 +54,7 @@ class PlanPage:
         start: FloatArray,
         goal: FloatArray,
         *,
+        goals: Sequence[Goal] = (),
         options: PlanOptions | None = None,
         samplers: Sequence[str] = SAMPLER_IDS,
     ) -> None:
@@ -63,6 +64,8 @@ class PlanPage:
             planner: gives robot, scene, decomposition and checks.
             ways: at least one, the first is chosen at first.
             start, goal: (n,) where sliders are at first [rad or m].
+            goals: what is planned to until somebody moves the goal, e.g. a pose that several configurations reach;
+                none: to the goal.
             options: of plans at first; what the page has no control for stays so.
             samplers: ids to choose from.
         """
@@ -70,6 +73,7 @@ class PlanPage:
         self._planner = planner
         self._options = options or PlanOptions()
         self.ways = ways
+        self._goals = tuple(goals)
         self._work: threading.Thread | None = None
         self._cancel = threading.Event()
         robot, gui, decomposition = planner.robot, viewer.server.gui, planner.decomposition
@@ -99,7 +103,7 @@ class PlanPage:
             self.tree = TreeLayer(viewer, robot)
         ball = self.motion.ball
         self.start = EndLayer(viewer, "start", robot, meshes, planner.checker(), start, self._forget, ball)
-        self.goal = EndLayer(viewer, "goal", robot, meshes, planner.checker(), goal, self._forget, ball)
+        self.goal = EndLayer(viewer, "goal", robot, meshes, planner.checker(), goal, self._move_goal, ball)
         with gui.add_folder("Scene", expand_by_default=False):
             self.scene = SceneLayer(viewer, planner.scene, section=section, opacity=OPACITY if section is None else 1.0)
             self.decomposition = DecompositionLayer(viewer, decomposition, on=False)
@@ -141,6 +145,9 @@ class PlanPage:
             begin = time.monotonic()
             answer = way(question, cancelled)
             seconds = time.monotonic() - begin
+            # Of several goals, the one that the path leads to.
+            if not np.array_equal(answer.path[-1], self.goal.configuration):
+                self.goal.move(answer.path[-1])
             self.motion.show(answer)
             self.cost.show(answer.cost_seconds, answer.costs, seconds)
             return _about(answer, seconds)
@@ -152,7 +159,7 @@ class PlanPage:
         question, said = self._question(GROWTH_SECONDS), self.message
 
         def work(cancelled: Callable[[], bool]) -> str:
-            problem = PlanningProblem(question.start, [JointGoal(question.goal)])
+            problem = PlanningProblem(question.start, question.goals)
             growth = record_growth(self._planner, problem, question.options, cancelled=cancelled)
             self.tree.show(growth)
             return said
@@ -178,7 +185,8 @@ class PlanPage:
 
     def _question(self, seconds: float) -> PlanQuestion:
         options = replace(self._options, sampler_id=self._sampler.value, allowed_seconds=seconds)
-        return PlanQuestion(self.start.configuration, self.goal.configuration, options)
+        goals = self._goals or (JointGoal(self.goal.configuration),)
+        return PlanQuestion(self.start.configuration, goals, options)
 
     def _begin(self, said: str, work: Callable[[Callable[[], bool]], str]) -> None:
         with self._viewer.lock:
@@ -204,6 +212,10 @@ class PlanPage:
     def _set_busy(self, busy: bool) -> None:
         self.plan_button.disabled = self.grow_button.disabled = busy
         self.stop_button.visible = busy
+
+    def _move_goal(self) -> None:
+        self._goals = ()
+        self._forget()
 
     def _forget(self) -> None:
         """A plan between other configurations is none between these."""
