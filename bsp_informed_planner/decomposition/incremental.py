@@ -101,7 +101,7 @@ class IncrementalDecomposer:
                 updated = update(former, gone, added, bounds, self.options, self.limits)
             if updated is None or updated.leaf_count > self.limits.growth * self._leaves:
                 scene_seconds = time.perf_counter() - begin
-                construction = construct(FacetSet.joined(former.facets.selected(~gone), added), bounds, self.options)
+                construction = construct(former.facets.exchanged(gone, added), bounds, self.options)
                 self._remember(construction, numbers, unused, None)
             else:
                 construction = updated
