@@ -6,7 +6,14 @@ MoveIt error code, once. The text of an exception is a sentence that names the c
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
+
+
+def _like(name: str, known: Sequence[str]) -> str:
+    """ " (did you mean ...?)" with the known names that are most like a name; empty if none is."""
+    close = difflib.get_close_matches(name, known, n=2)
+    return f" (did you mean {' or '.join(repr(other) for other in close)}?)" if close else ""
 
 
 class BspPlannerError(Exception):
@@ -136,7 +143,7 @@ class UnknownFrameError(BspPlannerError):
         self.frame = frame
         self.known = tuple(known)
         listed = ", ".join(self.known[:12]) + (", ..." if len(self.known) > 12 else "")
-        super().__init__(f"{of + ': ' if of else ''}unknown frame '{frame}' (known: {listed})")
+        super().__init__(f"{of + ': ' if of else ''}unknown frame '{frame}'{_like(frame, known)} (known: {listed})")
 
 
 # --- robot ---------------------------------------------------------------------------------------------------------
@@ -180,7 +187,8 @@ class UnknownJointError(RobotError):
     def __init__(self, joints: Sequence[str], known: Sequence[str]) -> None:
         self.joints = tuple(joints)
         self.known = tuple(known)
-        super().__init__(f"unknown joint(s) {', '.join(self.joints)}; the robot has {', '.join(self.known)}")
+        named = ", ".join(f"{joint}{_like(joint, known)}" for joint in self.joints)
+        super().__init__(f"unknown joint(s) {named}; the robot has {', '.join(self.known)}")
 
 
 # --- problem -------------------------------------------------------------------------------------------------------

@@ -51,9 +51,7 @@ class ExactKeypointGuide:
     @property
     def sigma(self) -> float:
         """Standard deviation of the tube for this robot [rad or m]."""
-        if self._robot.revolute.any():
-            return self._options.sigma
-        return self._options.relative_sigma * float(np.linalg.norm(self._robot.upper - self._robot.lower))
+        return self._options.tube_sigma(self._robot)
 
     def guide(
         self,

@@ -66,7 +66,7 @@ class ShelfOptions:
     item_gap: float = 0.01
     cylinder_share: float = 0.25
     pedestal: float = 0.24
-    pedestal_gap: float = 0.02
+    pedestal_gap: float = 0.0
     lower: tuple[float, float, float] = (-0.75, -0.95, -0.75)
     upper: tuple[float, float, float] = (1.15, 0.95, 1.15)
 
