@@ -175,7 +175,7 @@ class ArmRobot:
 
     def reference_points(self, configurations: FloatArray) -> FloatArray:
         """See `Robot.reference_points`."""
-        chain = self._chain(self.tool_frame)
+        chain = self.chain()
         return chain.positions(np.asarray(configurations, dtype=np.float64)[:, chain.indices])
 
     def inverse_kinematics(
