@@ -23,6 +23,7 @@ from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.models import MODELS
+from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
 from bsp_informed_planner.nodes.plan_conversions import (
     changes_from_msg,
     options_from_msg,
@@ -39,6 +40,7 @@ from bsp_informed_planner.nodes.world import World, WorldTracker
 from bsp_informed_planner.planning.planner import PreparedPlan
 from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanResult
 from bsp_informed_planner.planning.search import Progress
+from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.visualization.markers import plan_markers
 
@@ -47,6 +49,8 @@ logger = logging.getLogger(__name__)
 
 #: How long a plan waits for a scene revision that its client has heard of before this node has [s].
 SCENE_PATIENCE = 1.0
+#: Between two sets of markers [s].
+MARKER_PERIOD = 0.1
 #: How long the result of an action is kept for a client that has not asked for it yet [s].
 RESULT_TIMEOUT = 30
 #: How long a node that is cleaned up waits for its last answers to be sent [s].
@@ -82,6 +86,8 @@ class PlannerNode(PlannerSuiteNode):
         self.release_with(self.destroy_publisher, self._trajectory_publisher)
         self._marker_publisher = self.create_publisher(MarkerArray, "plan_markers", LATCHED)
         self.release_with(self.destroy_publisher, self._marker_publisher)
+        self._markers = NewestFirstWorker(self._publish_markers, "markers", pause=MARKER_PERIOD)
+        self.release_with(self._markers.stop)
         joint_states = self.create_subscription(
             JointState,
             "joint_states",
@@ -247,8 +253,16 @@ class PlannerNode(PlannerSuiteNode):
         response.message = self._summary(result)
         self.get_logger().info(response.message)
         self._trajectory_publisher.publish(response.trajectory)
-        self._marker_publisher.publish(plan_markers(world.robot, result))
+        if self._settings.publish_markers:
+            self._markers.submit((world.robot, result))
         return response
+
+    def _publish_markers(self, item: tuple[Robot, PlanResult]) -> None:
+        """In a thread of their own, when the answer is on its way: markers are for people."""
+        try:
+            self._marker_publisher.publish(plan_markers(*item))
+        except Exception as error:  # noqa: BLE001 -- the worker must go on
+            self.note_error(f"plan_markers: {error}")
 
     def _guidance(self, world: World, plan: PreparedPlan, cancelled: Callable[[], bool]) -> Guidance:
         """From the inference node; else exact keypoints found here; else uniform. The answer says which and why."""

@@ -55,6 +55,8 @@ class PlannerParameters(RobotParameters):
         1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0, live=True
     )
 
+    publish_markers: bool = parameter(True, "Publish plan_markers for RViz and Foxglove.", live=True)
+
     def validate(self) -> None:
         if self.allowed_planning_time > self.max_seconds:
             raise InvalidOptionError(
