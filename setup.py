@@ -83,6 +83,7 @@ setup(
             "decomposition_node = bsp_informed_planner.nodes.decomposition_node:main",
             "inference_node = bsp_informed_planner.nodes.inference_node:main",
             "planner_node = bsp_informed_planner.nodes.planner_node:main",
+            "moveit_bridge = bsp_informed_planner.nodes.moveit_bridge:main",
         ],
     },
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 
@@ -20,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
+from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.models import MODELS
@@ -70,9 +70,7 @@ class PlannerNode(PlannerSuiteNode):
     def setup(self) -> None:
         self._parameter_set = self.follow_parameters(PlannerParameters, self._on_parameters)
         self._defaults = self._settings.plan_options()
-        # Position and time of arrival of each joint.
-        self._joint_states: dict[str, tuple[float, float]] = {}
-        self._joint_lock = threading.Lock()
+        self._joints = JointStateCache(self._settings.joint_state_max_age)
         self._failures = 0
         self._in_flight = 0
         self._plans = Meter()
@@ -91,7 +89,7 @@ class PlannerNode(PlannerSuiteNode):
         joint_states = self.create_subscription(
             JointState,
             "joint_states",
-            self._on_joint_states,
+            self._joints.take,
             qos_profile_sensor_data,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
@@ -122,6 +120,7 @@ class PlannerNode(PlannerSuiteNode):
     def _on_parameters(self, settings: PlannerParameters) -> None:
         self._defaults = settings.plan_options()
         self._world.allow_empty_scene = settings.allow_empty_scene
+        self._joints.max_age = settings.joint_state_max_age
         self._guide.timeout = settings.inference_timeout
 
     def _finish_jobs(self) -> None:
@@ -143,17 +142,6 @@ class PlannerNode(PlannerSuiteNode):
             "failures": self._failures,
             **self._plans.values("plans"),
         }
-
-    def _on_joint_states(self, message: JointState) -> None:
-        with self._joint_lock:
-            now = time.monotonic()
-            for name, position in zip(message.name, message.position, strict=False):
-                self._joint_states[name] = (position, now)
-
-    def _recent_joint_states(self) -> dict[str, float]:
-        oldest = time.monotonic() - (self._settings.joint_state_max_age or float("inf"))
-        with self._joint_lock:
-            return {name: position for name, (position, when) in self._joint_states.items() if when >= oldest}
 
     def _on_get_planner_info(
         self, request: GetPlannerInfo.Request, response: GetPlannerInfo.Response
@@ -241,7 +229,7 @@ class PlannerNode(PlannerSuiteNode):
                 int(request.scene_epoch), int(request.scene_revision), SCENE_PATIENCE, cancelled
             )
             world = world.changed(changes_from_msg(request))
-            problem = problem_from_msg(request, world.robot, self._recent_joint_states())
+            problem = problem_from_msg(request, world.robot, self._joints.recent())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
             result = world.planner.solve(plan, self._guidance(world, plan, cancelled))
