@@ -37,6 +37,16 @@ def decomposition(
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
 
 
+@app.command()
+def nodes(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
+    """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark
+
+    benchmark = nodes_benchmark(quick)
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
+
+
 def _run(benchmark: Benchmark, arguments: BenchmarkArguments) -> None:
     """Status 0 if all cases are done, whether or not the numbers hold; 130 after Ctrl-C."""
     from rich.console import Console
