@@ -44,6 +44,9 @@ def nodes_in_this_process(parameters: NodeParameters) -> Iterator[Callable[[], S
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(SWITCH_SECONDS)
         executor = MultiThreadedExecutor(num_threads=4, context=context)
+        thread = threading.Thread(target=executor.spin, daemon=True)
+        stack.callback(thread.join, 5.0)
+        stack.callback(executor.shutdown, 5.0)
         kinds: tuple[Callable[..., PlannerSuiteNode], ...] = (DecompositionNode, InferenceNode, PlannerNode)
         for kind, values in zip(kinds, parameters.values(), strict=True):
             overrides = [Parameter(name, value=value) for name, value in values.items()]
@@ -52,10 +55,8 @@ def nodes_in_this_process(parameters: NodeParameters) -> Iterator[Callable[[], S
             if not node.autostart():
                 raise RuntimeError(f"{node.get_name()} could not be configured")
             executor.add_node(node)
-        thread = threading.Thread(target=executor.spin, daemon=True)
+            stack.callback(executor.remove_node, node)
         thread.start()
-        stack.callback(thread.join, 5.0)
-        stack.callback(executor.shutdown, 5.0)
         yield client
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 from bsp_informed_planner_msgs.msg import PlanRequest
@@ -57,10 +58,10 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         else:
             make, _ = stack.enter_context(nodes_as_processes(node_parameters("ur5")))
         client = make()
-        scene = shelf_of_boxes(rng).scene
+        scene = replace(shelf_of_boxes(rng).scene, frame=robot.root_frame)
         revision = client.publish_scene(scene)
         for index in range(int(parameters["updates"]) + 3):
-            scene = shelf_of_boxes(rng).scene
+            scene = replace(shelf_of_boxes(rng).scene, frame=robot.root_frame)
             start, goal = _short_motion(robot, scene, rng)
             message = scene_to_msg(scene)
             revision += 1
