@@ -13,11 +13,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError
+from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError, SceneUnavailableError
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.obstacle_conversions import pose_to_msg
 from bsp_informed_planner.nodes.qos import LATCHED
-from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
+from bsp_informed_planner.nodes.scene_conversions import scene_from_msg, scene_to_msg
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene
@@ -49,8 +49,10 @@ class SuiteClient:
         self._status: SceneStatus | None = None
         self._statuses = 0
         self.keypoint_graph: KeypointGraph | None = None
+        self._scene: ObstacleScene | None = None
         node.create_subscription(SceneStatus, "scene_status", self._on_status, LATCHED)
         node.create_subscription(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
+        node.create_subscription(ObstacleScene, "scene", self._on_scene, LATCHED)
 
     def close(self) -> None:
         """Leave the node to its owner."""
@@ -134,7 +136,22 @@ class SuiteClient:
         """Publish a scene, or a change of it, and do not wait for what becomes of it."""
         self._publisher.publish(message)
 
-    def plan(self, request: PlanRequest, seconds: float) -> PlanResponse:
+    def wait_for_scene(self, seconds: float) -> Scene:
+        """The scene in force, as soon as there is one.
+
+        Args:
+            seconds: longest wait [s].
+
+        Raises:
+            SceneUnavailableError: if there is none.
+            SceneError: if it cannot be read.
+        """
+        if not self._spin_until(lambda: self._scene is not None, seconds):
+            raise SceneUnavailableError(f"no scene within {seconds:.0f} s: the decomposition node has been sent none")
+        assert self._scene is not None
+        return scene_from_msg(self._scene)
+
+    def plan(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None = None) -> PlanResponse:
         """Call `plan`.
 
         A planner node that has just started may hear of a scene seconds after this client did. If the request names a
@@ -143,21 +160,23 @@ class SuiteClient:
         Args:
             request: what to plan.
             seconds: longest wait for the answer, beyond the time that planning itself may take [s].
+            alive: called now and then; may raise, e.g. because nobody waits any more. The node plans on until its time
+                is over.
 
         Raises:
             SuiteUnavailableError: if no answer came.
         """
         end = time.monotonic() + seconds
         while True:
-            response = self._plan_once(request, max(end - time.monotonic(), 0.0))
+            response = self._plan_once(request, max(end - time.monotonic(), 0.0), alive)
             known = response.scene_epoch if request.scene_epoch else 0, response.scene_revision
             behind = response.error_code in BEHIND and known < (request.scene_epoch, request.scene_revision)
             if not behind or time.monotonic() >= end:
                 return response
 
-    def _plan_once(self, request: PlanRequest, seconds: float) -> PlanResponse:
+    def _plan_once(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None) -> PlanResponse:
         future = self._plan.call_async(Plan.Request(request=request))
-        if not self._spin_until(future.done, seconds + request.allowed_planning_time):
+        if not self._spin_until(future.done, seconds + request.allowed_planning_time, alive):
             self._plan.remove_pending_request(future)
             raise SuiteUnavailableError(f"service {self._plan.srv_name} did not answer")
         return future.result().response
@@ -165,6 +184,9 @@ class SuiteClient:
     def _on_status(self, message: SceneStatus) -> None:
         self._status = message
         self._statuses += 1
+
+    def _on_scene(self, message: ObstacleScene) -> None:
+        self._scene = message
 
     def _on_graph(self, message: KeypointGraph) -> None:
         self.keypoint_graph = message

@@ -30,6 +30,7 @@ from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
 from bsp_informed_planner.nodes.qos import LATCHED, LATCHED_UPDATES, NEWEST_POINTS, UPDATES
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
 from bsp_informed_planner.nodes.scene_keeper import SceneKeeper
+from bsp_informed_planner.scene.outside import outside_warning
 from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
 from bsp_informed_planner.visualization.markers import decomposition_markers
 
@@ -166,7 +167,11 @@ class DecompositionNode(PlannerSuiteNode):
         # The graph first: whoever waits for the scene of a revision finds its graph there already.
         self._graph_publisher.publish(graph)
         self._scene_publisher.publish(whole)
-        self._publish_status(*self._verdict(f"{len(scene.obstacles)} obstacles"), stamp)
+        warning = outside_warning(scene)
+        if warning:
+            self.get_logger().warning(warning)
+        said = f"{len(scene.obstacles)} obstacles" + (f"; warning: {warning}" if warning else "")
+        self._publish_status(*self._verdict(said), stamp)
         self.get_logger().info(
             f"scene {scene.revision}: {len(scene.obstacles)} obstacles, {decomposition.cell_count} free cells, "
             f"{decomposition.portal_count} portals, {decomposition.candidate_count} keypoint candidates in "

@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
+from bsp_informed_planner.nodes.failure_records import FailureRecords
 from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
@@ -73,6 +74,7 @@ class PlannerNode(PlannerSuiteNode):
         self._joints = JointStateCache(self._settings.joint_state_max_age)
         self._failures = 0
         self._in_flight = 0
+        self._records = FailureRecords(self._settings.save_problem_on_failure)
         self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
@@ -220,7 +222,7 @@ class PlannerNode(PlannerSuiteNode):
     def _answer(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
     ) -> PlanResponse:
-        world: World | None = None
+        world = problem = options = plan = None
         try:
             self.require_active()
             if cancelled():
@@ -234,6 +236,9 @@ class PlannerNode(PlannerSuiteNode):
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
             result = world.planner.solve(plan, self._guidance(world, plan, cancelled))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
+            saved = self._records.save(error, world, problem, options, None if plan is None else plan.seed)
+            if saved is not None:
+                self.get_logger().info(f"problem saved: bsp-planner plan {saved}")
             return self._refusal(error, request, world)
         response = response_from_result(result, world.robot)
         response.scene_epoch = world.epoch

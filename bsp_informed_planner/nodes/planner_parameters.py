@@ -56,6 +56,9 @@ class PlannerParameters(RobotParameters):
     )
 
     publish_markers: bool = parameter(True, "Publish plan_markers for RViz and Foxglove.", live=True)
+    save_problem_on_failure: str = parameter(
+        "", "Folder for a file of each plan that fails, which `bsp-planner plan FILE` repeats; empty: none is written."
+    )
 
     def validate(self) -> None:
         if self.allowed_planning_time > self.max_seconds:

@@ -151,6 +151,9 @@ class Scene:
         object.__setattr__(self, "obstacles", MappingProxyType(dict(self.obstacles)))
         object.__setattr__(self, "attached", MappingProxyType(dict(self.attached)))
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return Scene, (dict(self.obstacles), self.bounds, self.frame, self.revision)
+
     @staticmethod
     def of(obstacles: Sequence[Obstacle], bounds: WorkspaceBounds, frame: str = "world", revision: int = 0) -> Scene:
         """A scene from a list of obstacles.

@@ -40,12 +40,13 @@ def updates_part(quick: bool) -> Part:
 
 def _short_motion(robot: Robot, scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Two free states with a straight way between them: the plan itself takes as little as a plan can."""
-    checker = ExactChecker(robot, scene)
-    while True:
+    checker = ExactChecker(robot, scene, padding=0.05)
+    for _ in range(10_000):
         start = rng.uniform(0.5 * robot.lower, 0.5 * robot.upper)
         goal = start + rng.normal(0.0, 0.05, robot.dof)
-        if checker.distance(start) > 0.1 and checker.is_edge_free(start, goal):
+        if checker.is_edge_free(start, goal):
             return start, goal
+    raise RuntimeError("the robot has no room in this scene")
 
 
 def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
