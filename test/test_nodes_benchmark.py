@@ -27,11 +27,11 @@ def lines(section: Section) -> list[str]:
 def test_about_half_of_the_requests_are_good() -> None:
     first, second = np.random.default_rng(1), np.random.default_rng(1)
     good = 0
-    for _ in range(200):
+    for _ in range(2000):
         request = random_request(first)
         assert str(request) == str(random_request(second))
         good += request.planner_id == "" and len(request.goal_states) == 1 and request.padding == 0.0
-    assert 80 < good < 190
+    assert 800 < good < 1900
     request = good_request(first)
     problem_from_msg(request, PointRobot(), {})
     options_from_msg(request, PlanOptions(), 60.0)

@@ -15,6 +15,7 @@ from bsp_informed_planner.benchmarks.nodes.random_requests import gap_message, g
 from bsp_informed_planner.benchmarks.nodes.running_nodes import node_parameters, nodes_as_processes
 from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
 from bsp_informed_planner.compile_kernels import ensure_compiled
+from bsp_informed_planner.nodes.client import SuiteUnavailableError
 
 CLIENTS = 2
 #: Longest wait for an answer, between two changes of the scene, and between two looks at the memory [s].
@@ -60,12 +61,12 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         def ask(index: int) -> None:
             generator = np.random.default_rng(seeds[index])
             while time.monotonic() < end:
+                request = random_request(generator)
                 try:
-                    clients[index].plan(random_request(generator), PATIENCE)
+                    clients[index].plan(request, PATIENCE)
                     plans[index] += 1
-                except Exception as error:  # noqa: BLE001 -- it is counted
+                except SuiteUnavailableError as error:
                     lost.append(str(error))
-                    return
 
         threads = [threading.Thread(target=ask, args=(index,)) for index in range(CLIENTS)]
         for thread in threads:
