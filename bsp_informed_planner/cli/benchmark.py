@@ -59,6 +59,20 @@ def planning(
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
 
 
+@app.command()
+def soak(
+    minutes: Annotated[float, typer.Option(help="How long.", min=0.2, max=10_000.0)] = 30.0,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+) -> None:
+    """The nodes for a long time: requests, good and bad, and whether memory stays flat."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.nodes.soak import soak_benchmark
+
+    benchmark = soak_benchmark(minutes)
+    _run(benchmark, BenchmarkArguments(False, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
+
+
 def _run(benchmark: Benchmark, arguments: BenchmarkArguments) -> None:
     """Status 0 if all cases are done, whether or not the numbers hold; 130 after Ctrl-C."""
     from rich.console import Console
