@@ -151,7 +151,8 @@ def read_xml(source: XmlSource, kind: str) -> tuple[ElementTree.Element, Path | 
             text = path.read_bytes()
         except (OSError, ValueError) as error:
             # A path with a null character is a ValueError.
-            raise RobotDescriptionError(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+            reason = getattr(error, "strerror", None) or error
+            raise RobotDescriptionError(f"{name} cannot be read: {reason}") from error
     try:
         root = ElementTree.fromstring(text.encode() if isinstance(text, str) else text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
