@@ -377,3 +377,36 @@ class KeypointsUnavailableError(BspPlannerError):
 
 class InvalidDecompositionError(BspPlannerError):
     """The arrays of a decomposition, e.g. of a received one, do not fit together."""
+
+
+# --- experience ----------------------------------------------------------------------------------------------------
+
+
+class DatasetError(BspPlannerError):
+    """A dataset of experience cannot be read or written.
+
+    Attributes:
+        path: its folder, or the file in it.
+        reason: what is wrong.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class DatasetMismatchError(DatasetError):
+    """A dataset is of another robot, dimension or collection than is needed.
+
+    Attributes:
+        what: in which they differ, e.g. "joints of the robot".
+        found: in the dataset.
+        expected: what is needed.
+    """
+
+    def __init__(self, path: str, what: str, found: object, expected: object) -> None:
+        self.what = what
+        self.found = found
+        self.expected = expected
+        super().__init__(path, f"{what}: the dataset has {found}, expected {expected}")

@@ -110,26 +110,29 @@ def scene_to_yaml(scene: Scene | ScenarioProblem) -> str:
     import yaml
 
     problem = scene if isinstance(scene, ScenarioProblem) else None
-    if isinstance(scene, ScenarioProblem):
-        scene = scene.scene
-    content: dict[str, Any] = {
+    content = scene_content(scene.scene if isinstance(scene, ScenarioProblem) else scene)
+    if problem is not None:
+        content["problem"] = {
+            "description": problem.description,
+            "start": problem.start.tolist(),
+            "goals": [goal.tolist() for goal in problem.goals],
+            "goal_poses": [pose_content(pose) for pose in problem.goal_poses],
+        }
+    # Anchors would need an alias wherever an object occurs twice; plain repetition is for people.
+    dumper = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {"ignore_aliases": lambda *_: True})
+    text = yaml.dump(content, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    return str(text)
+
+
+def scene_content(scene: Scene) -> dict[str, Any]:
+    """The content of a scene file, as lists, mappings, numbers and strings."""
+    return {
         "format": FORMAT,
         "frame": scene.frame,
         "revision": scene.revision,
         "bounds": {"lower": scene.bounds.lower.tolist(), "upper": scene.bounds.upper.tolist()},
         "obstacles": [_obstacle_content(obstacle) for obstacle in scene.obstacles.values()],
     }
-    if problem is not None:
-        content["problem"] = {
-            "description": problem.description,
-            "start": problem.start.tolist(),
-            "goals": [goal.tolist() for goal in problem.goals],
-            "goal_poses": [_pose_content(pose) for pose in problem.goal_poses],
-        }
-    # Anchors would need an alias wherever an object occurs twice; plain repetition is for people.
-    dumper = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {"ignore_aliases": lambda *_: True})
-    text = yaml.dump(content, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
-    return str(text)
 
 
 def save_scene(path: str | Path, scene: Scene | ScenarioProblem) -> None:
@@ -233,13 +236,14 @@ def _scale(node: YamlNode) -> FloatArray:
     return scale
 
 
-def _pose_content(pose: Pose) -> dict[str, Any]:
+def pose_content(pose: Pose) -> dict[str, Any]:
+    """A pose as it stands in a scene file."""
     return {"position": pose.position.tolist(), "orientation": pose.quaternion.tolist()}
 
 
 def _obstacle_content(obstacle: Obstacle) -> dict[str, Any]:
-    shapes = [{**_shape_content(shape), "pose": _pose_content(pose)} for shape, pose in obstacle.shapes]
-    return {"id": obstacle.id, "pose": _pose_content(obstacle.pose), "shapes": shapes}
+    shapes = [{**_shape_content(shape), "pose": pose_content(pose)} for shape, pose in obstacle.shapes]
+    return {"id": obstacle.id, "pose": pose_content(obstacle.pose), "shapes": shapes}
 
 
 def _shape_content(shape: Shape) -> dict[str, Any]:
