@@ -410,3 +410,42 @@ class DatasetMismatchError(DatasetError):
         self.found = found
         self.expected = expected
         super().__init__(path, f"{what}: the dataset has {found}, expected {expected}")
+
+
+# --- networks ------------------------------------------------------------------------------------------------------
+
+
+class ModelError(BspPlannerError):
+    """A model cannot be read or written.
+
+    Attributes:
+        path: its file.
+        reason: what is wrong.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class ModelMismatchError(BspPlannerError):
+    """A model is of another robot, dimension or kind than is needed.
+
+    Attributes:
+        model: its name.
+        what: in which they differ, e.g. "joints of the robot".
+        found: in the model's card.
+        expected: what is needed.
+    """
+
+    def __init__(self, model: str, what: str, found: object, expected: object) -> None:
+        self.model = model
+        self.what = what
+        self.found = found
+        self.expected = expected
+        super().__init__(f"model '{model}': {what}: its card has {found}, expected {expected}")
+
+
+class TrainingError(BspPlannerError):
+    """A training cannot begin, go on, or be used; the text says why."""
