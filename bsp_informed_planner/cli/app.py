@@ -192,6 +192,72 @@ def decompose(
     raise typer.Exit(run_decompose(scene, dimension, grid, json, png))
 
 
+@app.command()
+def collect(
+    folder: Annotated[Path | None, typer.Argument(help="Folder of the dataset; also --out.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the dataset. A rerun goes on there.")] = None,
+    describe: Annotated[bool, typer.Option("--describe", help="Only say what is in the folder.")] = False,
+    robot: RobotOption = DemoRobot.UR5,
+    urdf: UrdfOption = None,
+    srdf: SrdfOption = None,
+    package_dir: PackageOption = None,
+    tool_frame: ToolOption = None,
+    lock: LockOption = None,
+    family: Annotated[
+        str | None, typer.Option(help="maze, shelf or files; default: what suits the robot, files with --scenes.")
+    ] = None,
+    scenes: Annotated[
+        Path | None, typer.Option(help="Folder of scene or problem files.", exists=True, file_okay=False)
+    ] = None,
+    problems: Annotated[int, typer.Option(help="Problems for training.", min=0)] = 1000,
+    validation: Annotated[int, typer.Option(help="Problems for validation, of seeds of their own.", min=0)] = 0,
+    test: Annotated[int, typer.Option(help="Problems for tests, of seeds of their own.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Of the whole collection.", min=0)] = 0,
+    workers: Annotated[int, typer.Option(help="Processes on this machine.", min=1)] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://10.0.0.1:8786; instead of --workers.")
+    ] = None,
+    goals: Annotated[
+        str, typer.Option(help="Of the configurations of a goal pose: random takes one, any the best.")
+    ] = "random",
+    epsilon: Annotated[
+        float | None, typer.Option(help="Keypoints closer than this are merged [m]; default: by robot.", min=0.0)
+    ] = None,
+) -> None:
+    """Collect experience: solve random problems as the paper's Algorithm 2 does, and store keypoints and paths.
+
+    The same options give the same rows, whatever the number of workers. After Ctrl-C or a kill, the same command goes
+    on from the files that are finished; a larger number of problems adds to them.
+    """
+    from bsp_informed_planner.cli.collect import CollectArguments, print_description, run_collect
+    from bsp_informed_planner.errors import InvalidOptionError
+
+    target = out or folder
+    if target is None or (out is not None and folder is not None):
+        raise InvalidOptionError("--out", [str(path) for path in (folder, out) if path], "one folder")
+    if describe:
+        print_description(target)
+        raise typer.Exit
+    raise typer.Exit(
+        run_collect(
+            CollectArguments(
+                target,
+                _choice(robot, urdf, srdf, package_dir, tool_frame, lock),
+                family,
+                scenes,
+                problems,
+                validation,
+                test,
+                seed,
+                workers,
+                scheduler,
+                goals,
+                epsilon,
+            )
+        )
+    )
+
+
 def main() -> None:
     """Entry point of `bsp-planner`. An expected error is a sentence, not a traceback."""
     from bsp_informed_planner.errors import BspPlannerError

@@ -174,6 +174,11 @@ class Experience:
         return self._store.numbers("path_cost")[self._rows]
 
     @property
+    def paddings(self) -> FloatArray:
+        """(count,) distance that paths keep from obstacles [m]."""
+        return self._store.numbers("padding")[self._rows]
+
+    @property
     def removals(self) -> NDArray[np.int64]:
         """(count,)"""
         return self._store.numbers("removals")[self._rows].astype(np.int64, copy=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +15,23 @@ from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
 Flags = NDArray[np.bool_]
+
+
+class Failure(str, Enum):
+    """Why a problem is unsolved."""
+
+    COLLIDING_END = "colliding_end"
+    """Start or goal is not free."""
+    NO_CHAIN = "no_chain"
+    """The graph connects start and goal no more: subproblems were infeasible and their edges are removed."""
+    REENTERS = "reenters"
+    """As before, but some of the paths were feasible, and rejected since they enter a cell again."""
+    TOO_MANY_REMOVALS = "too_many_removals"
+    """The limit of RemoveEdge was reached."""
+    SUBPROBLEM_SAMPLES = "subproblem_samples"
+    """The samples for all subproblems were used up."""
+    NO_PATH = "no_path"
+    """Keypoints and subpaths are there, but no path of the whole problem."""
 
 
 def _no_flags() -> Flags:
@@ -37,7 +55,7 @@ class ProblemRecord:
         start, goal: (n,) configurations [rad or m]. The goal is the one of several that the solution ends at.
         solved: whether there are keypoints, subpaths and a path. What failed is in `failure`; a path of an unsolved
             problem is one that was found without keypoints.
-        failure: why it is unsolved, one of `experience.collection.Failure`; empty if it is solved.
+        failure: why it is unsolved, one of `Failure`; empty if it is solved.
         path: (m, n) the shortest path found for the whole problem, of free straight edges. (0, n) if there is none.
         path_cost: its joint-space length [rad or m]; NaN if there is none.
         padding: distance from obstacles that path and subpaths keep [m].

@@ -20,6 +20,7 @@ class Stage(IntEnum):
     PROBLEM = 0
     SUBPROBLEMS = 1
     WHOLE = 2
+    REFINEMENT = 3
 
 
 def problem_seed(split: str, collection_seed: int, index: int) -> int:
@@ -49,6 +50,11 @@ def split_of(seed: int) -> str:
     return SPLITS[seed >> (COLLECTION_BITS + INDEX_BITS)]
 
 
-def generator(seed: int, stage: Stage, part: int = 0) -> np.random.Generator:
-    """The random numbers of a stage of the work on a problem; `part` tells subproblems apart."""
-    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(int(stage), part)))
+def index_of(seed: int) -> int:
+    """The index of the problem of a seed within its split."""
+    return seed & (2**INDEX_BITS - 1)
+
+
+def generator(seed: int, stage: Stage, *part: int) -> np.random.Generator:
+    """The random numbers of a stage of the work on a problem; numbers >= 0 tell its parts apart."""
+    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(int(stage), *part)))

@@ -16,6 +16,8 @@ from bsp_informed_planner.scene.shapes import Box, Cylinder
 LEVELS = 3
 # Tries for a place of an item, and of a tool pose.
 _ITEM_TRIES, _POSE_TRIES = 2000, 500
+# So near an item is beside or behind it [m].
+DEEP_DISTANCE = 0.10
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,7 @@ def sample_level_pose(
     clearance: float = 0.04,
     tilt: float = 0.4,
     roll: float = math.pi,
+    deep: bool = False,
 ) -> Pose:
     """A random pose of the tool inside a level, pointing into the shelf.
 
@@ -178,6 +181,7 @@ def sample_level_pose(
         clearance: least distance of the position from boards, and about that from items [m].
         tilt: greatest angle of the tool's z axis to the shelf's x axis, up or down and to either side [rad].
         roll: greatest angle about the tool's z axis, to either side; at 0 the tool's x axis points down [rad].
+        deep: only in the rear half and beside or behind an item, if the level has one: at most `DEEP_DISTANCE` from it.
 
     Returns:
         pose in the frame of the scene.
@@ -190,6 +194,8 @@ def sample_level_pose(
     volume = shelf.levels[level]
     low = volume.lower + [0.0, clearance, clearance]
     high = volume.upper - clearance
+    if deep:
+        low[0] = max(low[0], 0.5 * (volume.lower[0] + volume.upper[0]))
     if (low >= high).any():
         raise InvalidOptionError("clearance", clearance, "less than half of the level's sizes")
     # The circumscribed bodies of the items: their distance is a lower bound near corners, which is good enough here.
@@ -199,7 +205,8 @@ def sample_level_pose(
     for _ in range(_POSE_TRIES):
         local = rng.uniform(low, high)
         position = shelf.pose.apply(local)
-        if all(float(body.distance(position)) >= clearance for body in bodies):
+        distance = min((float(body.distance(position)) for body in bodies), default=np.inf)
+        if distance >= clearance and (not deep or not bodies or distance <= DEEP_DISTANCE):
             return _pointing_in(rng, shelf, local, tilt, roll)
     raise InvalidOptionError("clearance", clearance, f"a distance that a place in level {level} has from all items")
 
