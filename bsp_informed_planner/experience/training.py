@@ -283,14 +283,14 @@ class _Training:
         terms = model({name: tensor.to(devices.device) for name, tensor in batch.items()})
         terms["loss"].backward()
         nn.utils.clip_grad_norm_(self._objective.parameters(), options.gradient_norm)
-        loss = float(terms["loss"])
-        if not math.isfinite(loss):
+        values = {name: float(value.detach()) for name, value in terms.items()}
+        if not math.isfinite(values["loss"]):
             raise TrainingError(
-                f"the loss of step {self._step + 1} is {loss}: a lower learning rate may help; the checkpoint is as before"
+                f"the loss of step {self._step + 1} is {values['loss']}: a lower learning rate may help; the checkpoint is as before"
             )
         self._optimiser.step()
         self._step += 1
-        return {name: float(value) for name, value in terms.items()}
+        return values
 
     def _indices(self, first: int, count: int) -> NDArray[np.int64]:
         """Examples `first` to `first + count` of an endless row of permutations, one an epoch."""

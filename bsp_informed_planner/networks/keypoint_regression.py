@@ -11,7 +11,7 @@ class KeypointRegression(nn.Module):
 
     As in the paper, "we enforce the initial and target states in the data as the size of them becomes equal to the size
     of environment information": both states are repeated until they are as long as the scene's encoding, so that the
-    input is three vectors of one size. The paper gives no layers; these are of the size of its samplers' networks.
+    input is three vectors of one size. The paper says nothing of the layers.
 
     Args:
         scene_size: length s of the flat encoding of a scene.
@@ -20,7 +20,7 @@ class KeypointRegression(nn.Module):
         layers: number of hidden layers.
     """
 
-    def __init__(self, scene_size: int, state_size: int, hidden: int = 512, layers: int = 3) -> None:
+    def __init__(self, scene_size: int, state_size: int, hidden: int = 256, layers: int = 3) -> None:
         super().__init__()
         self.scene_size = scene_size
         self.state_size = state_size

@@ -22,7 +22,9 @@ from bsp_informed_planner.networks.runtime import limit_threads
 KINDS: dict[str, type[nn.Module]] = {
     "sequential_regression": KeypointRegression,
     "heatmap": KeypointHeatmap,
+    "segment_cvae": Cvae,
     "cvae": Cvae,
+    "cvae_shortest_path": Cvae,
 }
 
 #: Where the weights that come with the package are.
@@ -60,7 +62,7 @@ def build_network(card: ModelCard) -> nn.Module:
 
 
 def save_model(network: nn.Module, card: ModelCard, folder: Path) -> Path:
-    """Write weights and card of a model; the number of its parameters is filled in.
+    """Write weights, rounded to half precision, and card of a model; the number of its parameters is filled in.
 
     Returns:
         the file of the weights.
@@ -69,7 +71,7 @@ def save_model(network: nn.Module, card: ModelCard, folder: Path) -> Path:
         ModelError: if a file cannot be written.
     """
     path = folder / f"{card.name}.safetensors"
-    weights = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
+    weights = {name: tensor.detach().cpu().half().contiguous() for name, tensor in network.state_dict().items()}
     temporary = path.with_suffix(".tmp")
     try:
         folder.mkdir(parents=True, exist_ok=True)
