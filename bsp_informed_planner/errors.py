@@ -447,5 +447,21 @@ class ModelMismatchError(BspPlannerError):
         super().__init__(f"model '{model}': {what}: its card has {found}, expected {expected}")
 
 
+class ModelUnavailableError(BspPlannerError):
+    """There is no model for a robot.
+
+    Attributes:
+        kinds: of models that would have done.
+        folder: where they were looked for.
+        robot: its name.
+    """
+
+    def __init__(self, kinds: Sequence[str], folder: str, robot: str) -> None:
+        self.kinds = tuple(kinds)
+        self.folder = folder
+        self.robot = robot
+        super().__init__(f"no model of kind {' or '.join(self.kinds)} for robot '{robot}' in {folder}")
+
+
 class TrainingError(BspPlannerError):
     """A training cannot begin, go on, or be used; the text says why."""

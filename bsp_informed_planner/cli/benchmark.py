@@ -37,6 +37,25 @@ def decomposition(
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
 
 
+@app.command()
+def networks(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    models: Annotated[
+        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+    ] = None,
+) -> None:
+    """Networks: keypoint chains and samples in unseen mazes, beside exact ones and those of other methods."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
+
+    benchmark = networks_benchmark(quick, None if models is None else str(models))
+    # Rows of other models are no rows of these.
+    folder = f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}")
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / folder, 1))
+
+
 def _run(benchmark: Benchmark, arguments: BenchmarkArguments) -> None:
     """Status 0 if all cases are done, whether or not the numbers hold; 130 after Ctrl-C."""
     from rich.console import Console
