@@ -12,7 +12,7 @@ class CvaeLoss(NamedTuple):
     """Terms of the negative evidence lower bound, means over a batch.
 
     Attributes:
-        reconstruction: squared error, weighted by coordinate.
+        reconstruction: half the squared error, summed over coordinates.
         divergence: of the encoder's distribution from the prior [nat].
     """
 
@@ -48,7 +48,7 @@ class Cvae(nn.Module):
         latents = mean + torch.exp(0.5 * log_variance) * noise
         decoded = self.decode(latents, conditions)
         divergence = 0.5 * (mean**2 + log_variance.exp() - 1.0 - log_variance).sum(dim=1)
-        return CvaeLoss(((decoded - states) ** 2).mean(), divergence.mean())
+        return CvaeLoss(0.5 * ((decoded - states) ** 2).sum(dim=1).mean(), divergence.mean())
 
     def decode(self, latents: Tensor, conditions: Tensor) -> Tensor:
         """States (b, n) of latent vectors (b, latent_size) under conditions (b, c)."""

@@ -13,6 +13,17 @@ from bsp_informed_planner.robots.robot import Robot
 
 
 def find_model(robot: Robot, kinds: Sequence[str], folder: str | Path | None = None) -> Model:
+    """The network that `find_card` finds.
+
+    Raises:
+        ModelUnavailableError: if there is none.
+        ModelError: if a file is damaged.
+    """
+    path, _ = find_card(robot, kinds, folder)
+    return _load(path, path.stat().st_mtime_ns)
+
+
+def find_card(robot: Robot, kinds: Sequence[str], folder: str | Path | None = None) -> tuple[Path, ModelCard]:
     """A model for a robot: of the first of several kinds that there is one of, and of these the first by name.
 
     Args:
@@ -20,16 +31,19 @@ def find_model(robot: Robot, kinds: Sequence[str], folder: str | Path | None = N
         kinds: best first.
         folder: of models; None: those that come with the package.
 
+    Returns:
+        the file of the card, and the card.
+
     Raises:
         ModelUnavailableError: if there is none.
-        ModelError: if a file is damaged.
+        ModelError: if a card is damaged.
     """
     place = SHIPPED if folder is None else Path(folder)
     cards = [(path, ModelCard.read(path)) for path in sorted(place.glob("*.json"))]
     for kind in kinds:
         for path, card in cards:
             if card.kind == kind and _suits(card, robot):
-                return _load(path, path.stat().st_mtime_ns)
+                return path, card
     raise ModelUnavailableError(kinds, str(place), robot.name)
 
 
