@@ -136,15 +136,17 @@ class UnsupportedJointError(RobotError):
 
     Attributes:
         joint: its name.
-        kind: e.g. "mimic", "floating".
+        kind: e.g. "a mimic of 'finger'", "floating".
+        lock: what would hold it still, as "NAME=VALUE"; empty if nothing would.
     """
 
-    def __init__(self, joint: str, kind: str) -> None:
+    def __init__(self, joint: str, kind: str, lock: str = "") -> None:
         self.joint = joint
         self.kind = kind
+        self.lock = lock
+        held = f"hold this one still (--lock {lock}, parameter locked_joints)" if lock else "make this one fixed"
         super().__init__(
-            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can "
-            "move; hold others still (--lock NAME=VALUE, parameter locked_joints)"
+            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can move; {held}"
         )
 
 
@@ -285,6 +287,25 @@ class UnknownPlannerError(BspPlannerError):
         super().__init__(f"unknown planner_id '{planner_id}' (known: {', '.join(self.known)})")
 
 
+class MissingPackageError(BspPlannerError):
+    """What was asked for needs a Python package that is not installed.
+
+    Attributes:
+        purpose: what it is needed for, e.g. "planner_id 'ompl_rrt_connect'".
+        package: its name.
+        extra: the extra of this package that brings it.
+    """
+
+    def __init__(self, purpose: str, package: str, extra: str) -> None:
+        self.purpose = purpose
+        self.package = package
+        self.extra = extra
+        super().__init__(
+            f"{purpose} needs the package '{package}', which is not installed: "
+            f"pip install 'bsp_informed_planner[{extra}]'"
+        )
+
+
 class UnknownSamplerError(BspPlannerError):
     """An unknown sampler id, or model of the inference node.
 
@@ -337,6 +358,20 @@ class PlanningCancelledError(PlanningFailedError):
 
     def __init__(self) -> None:
         super().__init__("planning was cancelled")
+
+
+class PlannerProcessError(PlanningFailedError):
+    """The process in which a planner ran failed.
+
+    Attributes:
+        planner_id: what ran there.
+        reason: how it failed.
+    """
+
+    def __init__(self, planner_id: str, reason: str) -> None:
+        self.planner_id = planner_id
+        self.reason = reason
+        super().__init__(f"the worker process of '{planner_id}' {reason}")
 
 
 class QueueFullError(BspPlannerError):

@@ -12,6 +12,8 @@ import typer
 
 from bsp_informed_planner import __version__
 from bsp_informed_planner.cli.benchmark import app as benchmark_app
+from bsp_informed_planner.cli.robot import app as robot_app
+from bsp_informed_planner.cli.robot_options import LockOption, PackageOption, SrdfOption, ToolOption
 
 if TYPE_CHECKING:
     from bsp_informed_planner.cli.robots import RobotChoice
@@ -25,6 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(benchmark_app, name="benchmark")
+app.add_typer(robot_app, name="robot")
 
 
 class DemoRobot(str, Enum):
@@ -35,29 +38,12 @@ class DemoRobot(str, Enum):
 
 
 RobotOption = Annotated[DemoRobot, typer.Option(help="ur5: the arm at a shelf; point: a point robot in a 2D maze.")]
+PlanRobotOption = Annotated[
+    DemoRobot | None, typer.Option(help="As for `demo`; default: the one that a saved problem names, or ur5.")
+]
 UrdfOption = Annotated[
     Path | None,
     typer.Option(help="URDF of your own arm; it takes the place of --robot.", exists=True, dir_okay=False),
-]
-SrdfOption = Annotated[
-    Path | None,
-    typer.Option(help="SRDF that goes with --urdf: disabled collision pairs.", exists=True, dir_okay=False),
-]
-PackageOption = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--package-dir",
-        help="Folder that holds the packages named in package:// addresses of meshes, e.g. the src of a workspace.",
-    ),
-]
-ToolOption = Annotated[str | None, typer.Option(help="Frame of the arm that goal poses are for and keypoints guide.")]
-
-
-LockOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--lock", help="NAME=VALUE: hold this joint of --urdf still, e.g. a finger [rad or m]. May be repeated."
-    ),
 ]
 
 
@@ -130,7 +116,10 @@ def nodes(
 @app.command()
 def plan(
     scene: Annotated[
-        Path, typer.Argument(help="Scene or problem file: our YAML, or a MoveIt planning scene.", exists=True)
+        Path,
+        typer.Argument(
+            help="Scene or problem file: our YAML, or a MoveIt planning scene; or a saved problem.", exists=True
+        ),
     ],
     start: Annotated[
         str | None, typer.Option(help="Start: joint positions, comma-separated [rad or m]; default: the file's.")
@@ -139,23 +128,32 @@ def plan(
     goal_pose: Annotated[
         str | None, typer.Option(help="Goal of the tool: x,y,z,roll,pitch,yaw in the root frame [m, rad].")
     ] = None,
-    robot: RobotOption = DemoRobot.UR5,
+    robot: PlanRobotOption = None,
     urdf: UrdfOption = None,
     srdf: SrdfOption = None,
     package_dir: PackageOption = None,
     tool_frame: ToolOption = None,
     lock: LockOption = None,
-    planner_id: Annotated[str, typer.Option(help="anytime, rrt_connect, rrt_star or rrt.")] = "anytime",
-    sampler_id: Annotated[str, typer.Option(help="keypoint_tube or uniform.")] = "keypoint_tube",
-    seconds: Annotated[float, typer.Option(help="Planning time allowed [s].")] = 5.0,
+    planner_id: Annotated[
+        str | None,
+        typer.Option(help="anytime, rrt_connect, rrt_star, rrt or OMPL's ompl_...; default: the file's, or anytime."),
+    ] = None,
+    sampler_id: Annotated[
+        str | None, typer.Option(help="keypoint_tube or uniform; default: the file's, or keypoint_tube.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="Planning time allowed [s]; default: the file's, or 5.")] = None,
     first: Annotated[bool, typer.Option("--first", help="Stop at the first verified path.")] = False,
-    seed: Annotated[int | None, typer.Option(help="Seed of the planner; default: drawn.", min=0)] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the planner; default: the file's, or drawn.", min=0)] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the whole result as JSON.")] = False,
     png: Annotated[Path | None, typer.Option(help="Draw the path into this file.")] = None,
 ) -> None:
-    """Plan a path through a scene file, without ROS."""
+    """Plan a path through a scene file, without ROS, or repeat a plan that a planner node has saved."""
     from bsp_informed_planner.cli.plan import PlanArguments, run_plan
 
+    options = (srdf, package_dir, tool_frame, lock)
+    choice = None
+    if robot is not None or urdf is not None or any(options):
+        choice = _choice(robot or DemoRobot.UR5, urdf, *options)
     raise typer.Exit(
         run_plan(
             PlanArguments(
@@ -163,7 +161,7 @@ def plan(
                 start,
                 goal,
                 goal_pose,
-                _choice(robot, urdf, srdf, package_dir, tool_frame, lock),
+                choice,
                 planner_id,
                 sampler_id,
                 seconds,

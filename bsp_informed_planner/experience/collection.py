@@ -68,26 +68,32 @@ class Collector:
         """
         begin = time.perf_counter()
         decomposition = decompose(problem.scene, self.decomposition_options)
-        attempt: _Attempt | None = None
-        for rank, padding in enumerate(self.options.paddings):
-            solver = ProblemSolver(self.robot, problem.scene, padding, self.options)
-            attempt = self._attempt(seed, rank, problem, decomposition, solver) or attempt
-            if attempt is not None and attempt.failure is None:
-                break
+        attempt = self._attempt(seed, problem, decomposition, self.options.paddings[-1])
+        if attempt is not None and attempt.failure is None:
+            # What cannot be solved close to obstacles cannot be solved away from them: hence the last padding first.
+            for padding in self.options.paddings[:-1]:
+                further = self._attempt(seed, problem, decomposition, padding)
+                if further is not None and further.failure is None:
+                    attempt = further
+                    break
         record = self._record(seed, problem, decomposition, attempt)
         return replace(record, seconds=time.perf_counter() - begin)
 
     def _attempt(
-        self, seed: int, rank: int, problem: GeneratedProblem, decomposition: Decomposition, solver: ProblemSolver
+        self, seed: int, problem: GeneratedProblem, decomposition: Decomposition, padding: float
     ) -> _Attempt | None:
         """Both parts of the work at one padding; None if start or goals are not free at it."""
+        solver = ProblemSolver(self.robot, problem.scene, padding, self.options)
         if not solver.checker.is_free(problem.start):
             return None
         goals = np.array([goal for goal in problem.goals if solver.checker.is_free(goal)])
         if not len(goals):
             return None
+        rank = self.options.paddings.index(padding)
         search = ChainSearch(self.robot, decomposition, solver, self.options, (seed, rank))
         result = search.run(problem.start, goals)
+        if result.chain is None and padding > self.options.paddings[-1]:
+            return None
         known = None if result.chain is None else result.chain.path
         goal = goals[0] if known is None else known[-1]
         rng = generator(seed, Stage.WHOLE, rank)

@@ -21,6 +21,7 @@ from visualization_msgs.msg import MarkerArray
 
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
+from bsp_informed_planner.nodes.failure_records import FailureRecords
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.parameters import declare, parameter
 from bsp_informed_planner.nodes.plan_conversions import options_from_msg, problem_from_msg, response_from_result
@@ -80,6 +81,9 @@ class PlannerParameters(RobotParameters):
         1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0
     )
     queue_size: int = parameter(16, "How many more may wait; one beyond is refused at once.", minimum=0, maximum=1000)
+    save_problem_on_failure: str = parameter(
+        "", "Folder for a file of each plan that fails, which `bsp-planner plan FILE` repeats; empty: none is written."
+    )
 
     def plan_options(self) -> PlanOptions:
         """Options of a request that leaves everything open."""
@@ -115,6 +119,7 @@ class PlannerNode(PlannerSuiteNode):
         self._plans = 0
         self._failures = 0
         self._in_flight = 0
+        self._records = FailureRecords(self._settings.save_problem_on_failure)
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
         self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
@@ -221,7 +226,7 @@ class PlannerNode(PlannerSuiteNode):
     ) -> PlanResponse:
         """One plan, in a worker thread. Never raises."""
         self._plans += 1
-        world: World | None = None
+        world = problem = options = plan = None
         try:
             self.require_active()
             if cancelled():
@@ -232,6 +237,9 @@ class PlannerNode(PlannerSuiteNode):
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
             result = world.planner.solve(plan, self._guidance(world, plan, cancelled))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
+            saved = self._records.save(error, world, problem, options, None if plan is None else plan.seed)
+            if saved is not None:
+                self.get_logger().info(f"problem saved: bsp-planner plan {saved}")
             return self._refusal(error, request, world)
         response = response_from_result(result, world.robot)
         response.error_code = int(ErrorCode.SUCCESS)

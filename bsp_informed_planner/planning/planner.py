@@ -26,9 +26,12 @@ from bsp_informed_planner.errors import (
     UnknownPlannerError,
     UnknownSamplerError,
 )
+from bsp_informed_planner.ompl_workers.process import OmplWorkers, require_ompl
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.ompl_search import OmplPathSearch
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import (
+    OMPL_PLANNER_IDS,
     PLANNER_IDS,
     SAMPLER_IDS,
     CostHistory,
@@ -110,6 +113,8 @@ class Planner:
         decomposition: of this scene; None: made when first needed.
         guide_options: how keypoints are lifted to configurations.
         decomposition_options: used when the decomposition is made here; None: of the robot's workspace dimension.
+        ompl_workers: processes for OMPL's planners, of this robot, which planners of other scenes may share; None: of
+            its own, started when first needed.
 
     Raises:
         UnknownFrameError: if the scene is not given in the root frame of the robot.
@@ -132,6 +137,7 @@ class Planner:
         decomposition: Decomposition | None = None,
         guide_options: KeypointGuideOptions | None = None,
         decomposition_options: DecompositionOptions | None = None,
+        ompl_workers: OmplWorkers | None = None,
     ) -> None:
         if scene.frame != robot.root_frame:
             raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
@@ -149,6 +155,7 @@ class Planner:
         self._decomposition = decomposition
         self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
         self._guide_options = guide_options
+        self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
         self._checkers = {0.0: ExactChecker(robot, scene)}
 
@@ -197,6 +204,7 @@ class Planner:
             PlanningTimeoutError, SamplesExhaustedError: no verified path with the time or samples allowed.
             TrajectoryTimingError: a path, but no timing of it.
             PlanningCancelledError: the caller has cancelled.
+            MissingPackageError, PlannerProcessError: OMPL is not installed, or its process failed.
         """
         plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
         return self.solve(plan, self.guide(plan) if guidance is None else guidance)
@@ -213,10 +221,16 @@ class Planner:
 
         Raises:
             UnknownPlannerError, UnknownSamplerError, ProblemError, PlanningCancelledError: see `plan`.
+            InvalidOptionError: `max_samples` for one of OMPL's planners, whose samples cannot be counted.
+            MissingPackageError: OMPL is not installed.
         """
         options = options or PlanOptions()
         if options.planner_id not in PLANNER_IDS:
             raise UnknownPlannerError(options.planner_id, PLANNER_IDS)
+        if options.planner_id in OMPL_PLANNER_IDS:
+            require_ompl(options.planner_id)
+            if options.max_samples is not None:
+                raise InvalidOptionError("max_samples", options.max_samples, f"none for '{options.planner_id}'")
         if options.sampler_id not in SAMPLER_IDS:
             raise UnknownSamplerError(options.sampler_id, SAMPLER_IDS)
         seed = secrets.randbits(32) if options.seed is None else options.seed
@@ -238,6 +252,8 @@ class Planner:
         """Guidance as the plan's options ask for, or uniform with the reason why not."""
         if plan.options.sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
             return Guidance("uniform")
+        if plan.options.planner_id in OMPL_PLANNER_IDS:
+            return Guidance("uniform", fallback_reason="OMPL's planners take no samples but their own")
         plan.search.report("guidance")
         try:
             guide = ExactKeypointGuide(self.robot, self.decomposition, self._guide_options)
@@ -257,7 +273,10 @@ class Planner:
         options, budget, search = plan.options, plan.budget, plan.search
         guidance = _fitting(guidance, plan)
         last = CertifyingChecker(plan.search_checker, search.verification_resolution)
-        path = search.run(plan.search_checker, last, plan.start, plan.goals, guidance)
+        if options.planner_id in OMPL_PLANNER_IDS:
+            path = self._ompl_path(plan, last)
+        else:
+            path = search.run(plan.search_checker, last, plan.start, plan.goals, guidance)
         if path is None:
             if not budget.samples_left:
                 raise SamplesExhaustedError(budget.samples)
@@ -280,6 +299,13 @@ class Planner:
             scene_revision=self.scene.revision,
             statistics=self._statistics(plan.seed, search, guidance, last.checks + judge.checks),
         )
+
+    def _ompl_path(self, plan: PreparedPlan, last: CertifyingChecker) -> FloatArray | None:
+        """(m, n) a verified path, or None when the budget is spent without."""
+        rng = np.random.default_rng(plan.seed)
+        padding = plan.search_checker.padding
+        ompl = OmplPathSearch(self.ompl_workers, self.robot, self.scene, plan.options, plan.search, padding, rng)
+        return ompl.run(last, plan.start, plan.goals)
 
     def _timed(self, path: FloatArray, judge: CertifyingChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
         """Time a verified path, its corners as round as they can be while it stays certified, if the path is.

@@ -44,7 +44,15 @@ class PlanningProblem:
     goals: Sequence[Goal]
 
 
-PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt")
+#: OMPL's planners, in a worker process (extra `baselines`).
+OMPL_PLANNER_IDS = (
+    "ompl_rrt_connect",
+    "ompl_rrt_star",
+    "ompl_informed_rrt_star",
+    "ompl_bit_star",
+    "ompl_aorrtc",
+)
+PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt", *OMPL_PLANNER_IDS)
 SAMPLER_IDS = ("keypoint_tube", "uniform")
 
 
@@ -55,13 +63,16 @@ class PlanOptions:
     Attributes:
         planner_id: "anytime": straight line, bidirectional start seeded with guidance, shortcut, then RRT* until the
             time is over; "rrt_connect": the same without RRT*; "rrt_star", "rrt": these alone, as in the paper.
+            "ompl_...": OMPL's planners, which draw their own samples, with the same collision checks, last check and
+            timing; they have no `max_samples`.
         sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform".
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generator; None: one is drawn.
-        max_step: longest edge of a tree, eta; None: 3 % of the diagonal of the joint limits [rad or m].
+        max_step: longest edge of a tree, eta; None: 3 % of the diagonal of the joint limits, or OMPL's own choice for
+            its planners [rad or m].
         search_resolution: no point of the robot moves further than this between states checked while searching [m];
             None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only slides.
         verification_resolution: where the path that is returned cannot be proved free, since bodies are almost in
@@ -74,6 +85,7 @@ class PlanOptions:
             for a robot that only slides.
         time_step: between two points of the trajectory [s].
         max_goals: most goal configurations (branches and windings) made from each pose.
+        ompl_simplify: whether OMPL's simplification shortens what "ompl_rrt_connect" finds.
     """
 
     planner_id: str = "anytime"
@@ -92,6 +104,7 @@ class PlanOptions:
     blend_deviation: float | None = None
     time_step: float = 0.02
     max_goals: int = 16
+    ompl_simplify: bool = True
 
     def __post_init__(self) -> None:
         def require(name: str, holds: bool, expected: str) -> None:

@@ -108,6 +108,9 @@ class Scene:
                 raise InvalidObstacleError(obstacle.id, f"it is listed under the id '{key}'")
         object.__setattr__(self, "obstacles", MappingProxyType(dict(self.obstacles)))
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return Scene, (dict(self.obstacles), self.bounds, self.frame, self.revision)
+
     @staticmethod
     def of(obstacles: Sequence[Obstacle], bounds: WorkspaceBounds, frame: str = "world", revision: int = 0) -> Scene:
         """A scene from a list of obstacles.

@@ -98,7 +98,7 @@ def problem_from_yaml(source: str | Path) -> ScenarioProblem:
             scene,
             node.at("start").vector(),
             tuple(goal.vector() for goal in goals.items()) if goals else (),
-            tuple(_pose(pose) for pose in poses.items()) if poses else (),
+            tuple(pose_from_node(pose) for pose in poses.items()) if poses else (),
             text.text() if text else "",
         )
     except (ProblemError, ValueError) as error:
@@ -107,8 +107,6 @@ def problem_from_yaml(source: str | Path) -> ScenarioProblem:
 
 def scene_to_yaml(scene: Scene | ScenarioProblem) -> str:
     """The text of a scene, with its problem if it has one, for `scene_from_yaml` and `problem_from_yaml`."""
-    import yaml
-
     problem = scene if isinstance(scene, ScenarioProblem) else None
     content = scene_content(scene.scene if isinstance(scene, ScenarioProblem) else scene)
     if problem is not None:
@@ -118,14 +116,11 @@ def scene_to_yaml(scene: Scene | ScenarioProblem) -> str:
             "goals": [goal.tolist() for goal in problem.goals],
             "goal_poses": [pose_content(pose) for pose in problem.goal_poses],
         }
-    # Anchors would need an alias wherever an object occurs twice; plain repetition is for people.
-    dumper = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {"ignore_aliases": lambda *_: True})
-    text = yaml.dump(content, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
-    return str(text)
+    return dump_yaml(content)
 
 
 def scene_content(scene: Scene) -> dict[str, Any]:
-    """The content of a scene file, as lists, mappings, numbers and strings."""
+    """A scene as plain lists, mappings, numbers and texts; `scene_from_node` reads it."""
     return {
         "format": FORMAT,
         "frame": scene.frame,
@@ -133,6 +128,16 @@ def scene_content(scene: Scene) -> dict[str, Any]:
         "bounds": {"lower": scene.bounds.lower.tolist(), "upper": scene.bounds.upper.tolist()},
         "obstacles": [_obstacle_content(obstacle) for obstacle in scene.obstacles.values()],
     }
+
+
+def dump_yaml(content: dict[str, Any]) -> str:
+    """YAML of plain content, in its order."""
+    import yaml
+
+    # Anchors would need an alias wherever an object occurs twice; plain repetition is for people.
+    dumper = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {"ignore_aliases": lambda *_: True})
+    text = yaml.dump(content, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    return str(text)
 
 
 def save_scene(path: str | Path, scene: Scene | ScenarioProblem) -> None:
@@ -169,16 +174,22 @@ def _obstacle(node: YamlNode) -> Obstacle:
         part.file.take(VALUES_PER_SHAPE, part.place)
         local = part.mapping((*_SHAPE_KEYS, "pose")).get("pose")
         try:
-            shapes.append((_shape(part), _pose(local) if local else Pose.identity()))
+            shapes.append((_shape(part), pose_from_node(local) if local else Pose.identity()))
         except (ValueError, TypeError) as error:
             raise InvalidObstacleError(name, f"{part.place}: {error}") from error
     try:
-        return Obstacle(name, tuple(shapes), _pose(pose) if pose else Pose.identity())
+        return Obstacle(name, tuple(shapes), pose_from_node(pose) if pose else Pose.identity())
     except (ValueError, TypeError) as error:
         raise InvalidObstacleError(name, f"{node.place}.pose: {error}") from error
 
 
-def _pose(node: YamlNode) -> Pose:
+def pose_from_node(node: YamlNode) -> Pose:
+    """A pose.
+
+    Raises:
+        SceneFormatError: if it is none.
+        ValueError: if its numbers are none of a pose.
+    """
     node.mapping(("position", "orientation", "rpy"))
     position, orientation, rpy = node.get("position"), node.get("orientation"), node.get("rpy")
     if orientation and rpy:
@@ -237,7 +248,7 @@ def _scale(node: YamlNode) -> FloatArray:
 
 
 def pose_content(pose: Pose) -> dict[str, Any]:
-    """A pose as it stands in a scene file."""
+    """A pose as plain lists; `pose_from_node` reads it."""
     return {"position": pose.position.tolist(), "orientation": pose.quaternion.tolist()}
 
 
