@@ -20,11 +20,17 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from bsp_informed_planner import __version__
 from bsp_informed_planner.experience.dataset import Experience
+from bsp_informed_planner.experience.gmm_database import PROBLEMS, build_database
 from bsp_informed_planner.experience.trainable_models import MODELS, Training, prepare_training
 from bsp_informed_planner.experience.training import TrainingOptions, TrainingResult, TrainingState, train
-from bsp_informed_planner.networks.card import ModelCard
+from bsp_informed_planner.networks.card import ModelCard, ModelRobot
 from bsp_informed_planner.networks.registry import save_model
 from bsp_informed_planner.networks.runtime import limit_threads
+from bsp_informed_planner.robots.point import PointRobot
+from bsp_informed_planner.robots.robot import Robot
+
+#: The model that is no network.
+DATABASE = "gmm"
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,7 @@ class TrainArguments:
 
     Attributes:
         dataset: folder.
-        model: one of `MODELS`.
+        model: one of `MODELS`, or "gmm".
         out: folder of checkpoint, curves, weights and card.
         name: of the model; None: family and kind.
         problems: at most so many for training.
@@ -71,9 +77,11 @@ def run_train(arguments: TrainArguments) -> int:
     """
     is_first = os.environ.get("RANK", "0") == "0"
     console = Console(highlight=False, quiet=not is_first, width=None if sys.stdout.isatty() else 160)
+    experience = Experience.load(arguments.dataset)
+    if arguments.model == DATABASE:
+        return _run_database(arguments, experience, console)
     options = arguments.options
     limit_threads(options.threads)
-    experience = Experience.load(arguments.dataset)
     with _progress(console) as progress:
         reading = progress.add_task("reading problems", total=None)
         training = prepare_training(
@@ -107,6 +115,43 @@ def run_train(arguments: TrainArguments) -> int:
         path = save_model(training.network, _finished(card, arguments, options, result), arguments.out)
         console.print(f"best after step {result.best_step} of {result.steps}, {result.seconds:.0f} s: {path}")
     return 0
+
+
+def _run_database(arguments: TrainArguments, experience: Experience, console: Console) -> int:
+    """The GMM baseline: nothing is optimised, so there is nothing to resume."""
+    robot = _robot_of(experience)
+    with _progress(console) as progress:
+        task = progress.add_task("reading problems", total=None)
+        database = build_database(
+            experience,
+            robot,
+            problems=arguments.problems or PROBLEMS,
+            report=lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    family = experience.description.family
+    card = ModelCard(
+        name=arguments.name or f"{family}_{DATABASE}",
+        kind=DATABASE,
+        architecture={},
+        encoding={},
+        robot=ModelRobot(robot.name, tuple(robot.joint_names), robot.workspace_dimension, robot.tool_frame),
+        data={"family": family, "collection_seed": experience.description.seed, "waypoints": len(database.waypoints)},
+        training={"command": command(arguments)},
+        versions=_versions(),
+    )
+    path = database.save(card, arguments.out)
+    console.print(f"{len(database.primitives):,} primitives, {len(database.waypoints):,} waypoints: {path}")
+    return 0
+
+
+def _robot_of(experience: Experience) -> Robot:
+    """The robot that comes with the package and is the dataset's."""
+    robot = experience.description.robot
+    if robot.workspace_dimension == 2:
+        return PointRobot(robot.lower, robot.upper)
+    from bsp_informed_planner.robots.demo_arms import ur5
+
+    return ur5()
 
 
 def _train(
@@ -149,14 +194,18 @@ def _finished(
             "best_step": result.best_step,
             "seconds": round(result.seconds, 1),
         },
-        versions={
-            "bsp_informed_planner": __version__,
-            "python": platform.python_version(),
-            "torch": torch.__version__,
-            "numpy": np.__version__,
-        },
+        versions=_versions(),
         metrics={"validation": {name: round(value, 6) for name, value in result.validation.items()}},
     )
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "bsp_informed_planner": __version__,
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "numpy": np.__version__,
+    }
 
 
 def command(arguments: TrainArguments) -> str:
