@@ -12,6 +12,7 @@ from maze_experience import write_maze_experience
 from bsp_informed_planner.cli.train import TrainArguments, run_train
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.decomposition.decomposition import decompose
+from bsp_informed_planner.decomposition.graph import shortest_chain
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import (
     InvalidOptionError,
@@ -21,6 +22,7 @@ from bsp_informed_planner.errors import (
     UnknownSamplerError,
 )
 from bsp_informed_planner.networks.cvae import Cvae
+from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
 from bsp_informed_planner.networks.registry import Model, load_model
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot
@@ -101,13 +103,15 @@ def test_a_start_at_the_target_takes_no_network() -> None:
 def test_estimation_options_are_checked() -> None:
     for wrong in ({"delta": 0.0}, {"temperature": -1.0}, {"max_keypoints": 0}):
         with pytest.raises(InvalidOptionError):
-            EstimationOptions(**wrong)  # type: ignore[arg-type]
+            EstimationOptions(**wrong)
 
 
 # --- estimators ---
 
 
-def test_the_first_chain_of_a_heatmap_is_its_likeliest_and_the_others_are_drawn(models: Path, maze: MazeProblem) -> None:
+def test_the_first_chain_of_a_heatmap_is_its_likeliest_and_the_others_are_drawn(
+    models: Path, maze: MazeProblem
+) -> None:
     model = load(models, "heatmap")
     view = SceneView.of(maze.scene, model)
     estimator = estimator_of(model, EstimationOptions(max_keypoints=4))
@@ -128,6 +132,7 @@ def test_draws_follow_the_distribution_of_the_network(models: Path, maze: MazePr
     model = load(models, "heatmap")
     view = SceneView.of(maze.scene, model)
     network = model.network
+    assert isinstance(network, KeypointHeatmap)
     with torch.inference_mode():
         fields = network(torch.from_numpy(view.values)[None], torch.from_numpy(maze.goal.astype(np.float32))[None])
         start = torch.from_numpy(maze.start.astype(np.float32))[None, None]
@@ -165,8 +170,9 @@ def test_a_mixture_draws_from_each_condition_by_its_weight() -> None:
     with torch.no_grad():
         for parameter in network.decoder.parameters():
             parameter.zero_()
-        network.decoder[0].weight[:2, 1:] = torch.eye(2)
-        network.decoder[2].weight[:, :2] = torch.eye(2)
+        hidden, output = (layer for layer in network.decoder if isinstance(layer, torch.nn.Linear))
+        hidden.weight[:2, 1:] = torch.eye(2)
+        output.weight[:, :2] = torch.eye(2)
     conditions = np.array([[0.1, 0.2], [0.7, 0.9]], np.float32)
 
     def identity(states: FloatArray, members: np.ndarray) -> FloatArray:
@@ -198,8 +204,6 @@ def test_samplers_of_models(kind: str, models: Path, maze: MazeProblem) -> None:
 def test_the_best_chain_is_the_shortest_free_one(maze: MazeProblem) -> None:
     checker = ExactChecker(PointRobot(), maze.scene)
     decomposition = decompose(maze.scene, DecompositionOptions(dimension=2))
-    from bsp_informed_planner.decomposition.graph import shortest_chain
-
     free = shortest_chain(decomposition, maze.start, maze.goal).points[:, :2]
     back = np.concatenate((free[:2], free[:1], free))
     blocked = np.stack((maze.start, maze.goal))
@@ -274,4 +278,4 @@ def test_a_robot_without_a_model_is_named(models: Path, maze: MazeProblem) -> No
 def test_guide_options_are_checked() -> None:
     for wrong in ({"chain_count": 0}, {"goal_count": 0}, {"local_sampler": "oracle"}):
         with pytest.raises(InvalidOptionError):
-            LearnedGuideOptions(**wrong)  # type: ignore[arg-type]
+            LearnedGuideOptions(**wrong)

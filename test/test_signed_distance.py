@@ -121,7 +121,10 @@ def test_meshes_half_spaces_and_clouds() -> None:
 
 def test_several_obstacles_and_none() -> None:
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (100, 3))
-    placed = [(Sphere(0.2), random_pose(np.random.default_rng(2))), (Cone(0.2, 0.3), Pose.identity())]
+    placed: list[tuple[Shape, Pose]] = [
+        (Sphere(0.2), random_pose(np.random.default_rng(2))),
+        (Cone(0.2, 0.3), Pose.identity()),
+    ]
     both = SignedDistance(scene_of(*placed)).at(points)
     np.testing.assert_array_equal(both, np.minimum(*(SignedDistance(scene_of(one)).at(points) for one in placed)))
     assert (SignedDistance(scene_of()).at(points) == np.inf).all()
@@ -133,7 +136,7 @@ def test_a_section_is_the_slice_of_the_bodies(seed: int) -> None:
     """The sign in the section is that in space; and no point of the section within the distance is inside."""
     rng = np.random.default_rng(seed)
     upright = Pose.from_xyz_rpy(rng.uniform(-0.3, 0.3, 3), [0.0, 0.0, 1.0])
-    placed = [
+    placed: list[tuple[Shape, Pose]] = [
         (Box(np.array([0.3, 0.5, 0.2])), random_pose(rng)),
         (Box(np.array([0.3, 0.2, 0.7])), upright),
         (Sphere(0.25), random_pose(rng)),
@@ -192,5 +195,7 @@ def test_basis_points_are_spread_evenly() -> None:
 
 
 def test_distances_are_cut_off() -> None:
-    values = distances_at(scene_of((Sphere(0.5), Pose.identity())), np.array([[0.0, 0, 0], [0.6, 0, 0], [0, 1, 1]]), 0.3)
+    values = distances_at(
+        scene_of((Sphere(0.5), Pose.identity())), np.array([[0.0, 0, 0], [0.6, 0, 0], [0, 1, 1]]), 0.3
+    )
     np.testing.assert_allclose(values, [-0.3, 0.1, 0.3], atol=1e-6)

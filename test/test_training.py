@@ -38,7 +38,9 @@ def training_split(experience: Experience) -> Experience:
     return experience.select(split="train")
 
 
-def run(training: Training, out: Path, options: TrainingOptions = QUICK, stop_after: int | None = None) -> TrainingResult:
+def run(
+    training: Training, out: Path, options: TrainingOptions = QUICK, stop_after: int | None = None
+) -> TrainingResult:
     steps: list[int] = []
 
     def report(state: TrainingState) -> None:
@@ -90,7 +92,9 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(experience: Experien
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(killed.objective, killed.training, killed.validation, QUICK, tmp_path / "k", {"kind": "segment_cvae"}, die)
+        train(
+            killed.objective, killed.training, killed.validation, QUICK, tmp_path / "k", {"kind": "segment_cvae"}, die
+        )
     again = prepare_training("segment_cvae", experience, seed=0)
     assert run(again, tmp_path / "k").validation == result.validation
 
@@ -111,7 +115,11 @@ def test_a_finished_training_is_not_begun_again(experience: Experience, tmp_path
 def test_a_checkpoint_of_another_training_is_refused(experience: Experience, tmp_path: Path) -> None:
     run(prepare_training("segment_cvae", experience, seed=0), tmp_path)
     with pytest.raises(TrainingError, match=r"its options\.seed is 0, not 1"):
-        run(prepare_training("segment_cvae", experience, seed=1), tmp_path, TrainingOptions(**{**vars(QUICK), "seed": 1}))
+        run(
+            prepare_training("segment_cvae", experience, seed=1),
+            tmp_path,
+            TrainingOptions(**{**vars(QUICK), "seed": 1}),
+        )
     with pytest.raises(TrainingError, match="its kind is segment_cvae, not cvae"):
         run(prepare_training("cvae", experience, seed=0), tmp_path)
     (tmp_path / "checkpoint.pt").write_bytes(b"nothing")
@@ -120,7 +128,7 @@ def test_a_checkpoint_of_another_training_is_refused(experience: Experience, tmp
 
 
 def test_early_stopping_keeps_the_best_weights(experience: Experience, tmp_path: Path) -> None:
-    """With a learning rate that ruins the network, validation gets worse, the training ends, and the best comes back."""
+    """A learning rate that ruins the network: validation gets worse, the training ends, and the best comes back."""
     training = prepare_training("segment_cvae", experience, seed=0)
     options = TrainingOptions(
         steps=400, batch_size=8, validate_every=2, warmup=0, learning_rate=0.05, gradient_norm=1e3, patience=3

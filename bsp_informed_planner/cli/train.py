@@ -224,7 +224,7 @@ def _interruption() -> Iterator[list[bool]]:
     asked: list[bool] = []
     before = signal.getsignal(signal.SIGINT)
 
-    def note(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    def note(signum: int, frame: FrameType | None) -> None:
         if asked:
             raise KeyboardInterrupt
         asked.append(True)

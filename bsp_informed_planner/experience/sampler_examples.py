@@ -14,6 +14,7 @@ from bsp_informed_planner.experience.symmetries import random_symmetry, turned_g
 from bsp_informed_planner.networks.cvae import Cvae
 from bsp_informed_planner.networks.encoding import PlanarDistances, SceneEncoding
 from bsp_informed_planner.networks.segment_frame import SegmentFrames, reflected
+from bsp_informed_planner.scene.encodings import FloatGrid
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.signed_distance import SignedDistance
 
@@ -91,9 +92,7 @@ class SceneSamplerExamples:
         """states (b, n), conditions (b, 2 n + s): both ends and the scene; noise (b, latent_size)."""
         drawing = np.random.default_rng(int(indices[0])) if rng is None else rng
         paths = self._states.paths[indices]
-        points = [
-            torch.from_numpy(array) for array in (self._states.draw(indices, drawing), paths[:, 0], paths[:, -1])
-        ]
+        points = [torch.from_numpy(array) for array in (self._states.draw(indices, drawing), paths[:, 0], paths[:, -1])]
         scenes = torch.from_numpy(self._scenes[self._rows[indices]])
         if self._planar:
             symmetry = random_symmetry(rng)
@@ -120,7 +119,9 @@ class SegmentSamplerExamples:
 
     def __init__(self, experience: Experience, encoding: PlanarDistances, spread: float, latent_size: int) -> None:
         self._latent_size = latent_size
-        conditions, paths, spreads = [], [], []
+        conditions: list[FloatGrid] = []
+        paths: list[FloatArray] = []
+        spreads: list[float] = []
         for number in range(len(experience)):
             scene = experience.scene(number)
             frame = encoding.state_frame(scene)

@@ -30,4 +30,3 @@ def turned_grids(symmetry: int, grids: Tensor) -> Tensor:
 def random_symmetry(rng: np.random.Generator | None) -> int:
     """One of the symmetries; 0 without a generator."""
     return 0 if rng is None else int(rng.integers(COUNT))
-

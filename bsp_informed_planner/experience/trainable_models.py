@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -34,9 +34,12 @@ from bsp_informed_planner.networks.encoding import (
     SceneEncoding,
     encoding_to_json,
 )
+from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
+from bsp_informed_planner.networks.keypoint_regression import KeypointRegression
 from bsp_informed_planner.networks.registry import build_network
 from bsp_informed_planner.networks.segment_frame import CONDITION_SIZE
 
+Network = TypeVar("Network", bound=nn.Module)
 #: Told how many problems of how many have been read.
 Report = Callable[[int, int], None]
 
@@ -127,10 +130,10 @@ def _heatmap(
     encoding = PlanarDistances(64)
     architecture = {"cells": encoding.cells // 2, "channels": [32, 64, 96], "embedding": 64, "attention": 2}
     card = _card(model, training, encoding, architecture, {"clearance_weight": targets.clearance_weight})
-    network = build_network(card)
+    network = _built(card, KeypointHeatmap)
     return Training(
         network,
-        HeatmapObjective(network),  # type: ignore[arg-type]
+        HeatmapObjective(network),
         HeatmapExamples(training, encoding, targets, seed, report),
         HeatmapExamples(validation, encoding, targets, seed, report),
         card,
@@ -138,16 +141,20 @@ def _heatmap(
 
 
 def _regression(
-    model: TrainableModel, training: Experience, validation: Experience, seed: int, report: Report  # noqa: ARG001
+    model: TrainableModel,
+    training: Experience,
+    validation: Experience,
+    seed: int,
+    report: Report,
 ) -> Training:
     planar = _is_planar(training)
     encoding = _scene_encoding(training, REGRESSION_CELLS)
     architecture = {"scene_size": int(np.prod(encoding.shape)), "state_size": training.dof, "hidden": 256, "layers": 3}
     card = _card(model, training, encoding, architecture, {"noise": REGRESSION_NOISE})
-    network = build_network(card)
+    network = _built(card, KeypointRegression)
     return Training(
         network,
-        RegressionObjective(network),  # type: ignore[arg-type]
+        RegressionObjective(network),
         RegressionExamples(training, encoding, planar, REGRESSION_NOISE),
         RegressionExamples(validation, encoding, planar, REGRESSION_NOISE),
         card,
@@ -155,7 +162,11 @@ def _regression(
 
 
 def _scene_sampler(
-    model: TrainableModel, training: Experience, validation: Experience, seed: int, report: Report  # noqa: ARG001
+    model: TrainableModel,
+    training: Experience,
+    validation: Experience,
+    seed: int,
+    report: Report,
 ) -> Training:
     planar, dof = _is_planar(training), training.dof
     encoding = _scene_encoding(training, SAMPLER_CELLS)
@@ -168,16 +179,23 @@ def _scene_sampler(
     }
     inputs = {"spread": SCENE_SPREAD, "divergence_weight": SCENE_DIVERGENCE}
     card = _card(model, training, encoding, architecture, inputs)
-    network = build_network(card)
+    network = _built(card, Cvae)
     whole = model.kind == "cvae_shortest_path"
-    examples = [
-        SceneSamplerExamples(part, encoding, whole, SCENE_SPREAD, planar, latent_size) for part in (training, validation)
-    ]
-    return Training(network, SamplerObjective(network, SCENE_DIVERGENCE), *examples, card)  # type: ignore[arg-type]
+
+    def examples(part: Experience) -> SceneSamplerExamples:
+        return SceneSamplerExamples(part, encoding, whole, SCENE_SPREAD, planar, latent_size)
+
+    return Training(
+        network, SamplerObjective(network, SCENE_DIVERGENCE), examples(training), examples(validation), card
+    )
 
 
 def _segment_sampler(
-    model: TrainableModel, training: Experience, validation: Experience, seed: int, report: Report  # noqa: ARG001
+    model: TrainableModel,
+    training: Experience,
+    validation: Experience,
+    seed: int,
+    report: Report,
 ) -> Training:
     _require_planar(training, model.kind)
     encoding = PlanarDistances(SAMPLER_CELLS)
@@ -190,9 +208,14 @@ def _segment_sampler(
     }
     inputs = {"spread": SEGMENT_SPREAD, "divergence_weight": SEGMENT_DIVERGENCE}
     card = _card(model, training, encoding, architecture, inputs)
-    network = build_network(card)
-    examples = [SegmentSamplerExamples(part, encoding, SEGMENT_SPREAD, latent_size) for part in (training, validation)]
-    return Training(network, SamplerObjective(network, SEGMENT_DIVERGENCE), *examples, card)  # type: ignore[arg-type]
+    network = _built(card, Cvae)
+
+    def examples(part: Experience) -> SegmentSamplerExamples:
+        return SegmentSamplerExamples(part, encoding, SEGMENT_SPREAD, latent_size)
+
+    return Training(
+        network, SamplerObjective(network, SEGMENT_DIVERGENCE), examples(training), examples(validation), card
+    )
 
 
 def _card(
@@ -223,6 +246,13 @@ def _card(
     )
 
 
+def _built(card: ModelCard, kind: type[Network]) -> Network:
+    """The network of a card, which is of a class."""
+    network = build_network(card)
+    assert isinstance(network, kind)
+    return network
+
+
 def _scene_encoding(experience: Experience, cells: int) -> SceneEncoding:
     """Occupancy for planar robots; else distances at points of the first scene's workspace."""
     if _is_planar(experience):
@@ -243,7 +273,9 @@ def _require_planar(experience: Experience, kind: str) -> None:
         raise DatasetMismatchError(str(experience.folder), f"model {kind}", found, "a planar one of 2 joints")
 
 
-_ONLY_LIKE_ITS_DATA = "Trained on one family of scenes: for others its output is a guess, and is verified like all others."
+_ONLY_LIKE_ITS_DATA = (
+    "Trained on one family of scenes: for others its output is a guess, and is verified like all others."
+)
 _SAMPLER_OPTIONS = TrainingOptions(
     steps=6000, batch_size=256, learning_rate=1e-3, warmup=100, validate_every=200, patience=10
 )

@@ -211,11 +211,15 @@ class _Training:
         devices: _Devices,
     ) -> None:
         if not len(training) or not len(validation):
-            raise TrainingError(f"{len(training)} examples for training, {len(validation)} for validation: nothing to do")
+            raise TrainingError(
+                f"{len(training)} examples for training, {len(validation)} for validation: nothing to do"
+            )
         if options.batch_size % devices.size:
             raise InvalidOptionError("batch_size", options.batch_size, f"a multiple of the {devices.size} processes")
         if len(validation) < devices.size:
-            raise TrainingError(f"{len(validation)} examples for validation cannot be shared by {devices.size} processes")
+            raise TrainingError(
+                f"{len(validation)} examples for validation cannot be shared by {devices.size} processes"
+            )
         self._objective = objective.to(devices.device)
         self._training, self._validation = training, validation
         self._options, self._devices = options, devices
@@ -286,7 +290,8 @@ class _Training:
         values = {name: float(value.detach()) for name, value in terms.items()}
         if not math.isfinite(values["loss"]):
             raise TrainingError(
-                f"the loss of step {self._step + 1} is {values['loss']}: a lower learning rate may help; the checkpoint is as before"
+                f"the loss of step {self._step + 1} is {values['loss']}: a lower learning rate may help; "
+                "the checkpoint before is kept"
             )
         self._optimiser.step()
         self._step += 1

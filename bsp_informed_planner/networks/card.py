@@ -107,7 +107,7 @@ class ModelCard:
         if found != FORMAT:
             raise ModelError(str(path), f"its format is {found}, expected {FORMAT}")
         try:
-            robot = {k: tuple(v) if isinstance(v, list) else v for k, v in content.pop("robot").items()}
+            robot: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in content.pop("robot").items()}
             limits = tuple(content.pop("limits", ()))
             return ModelCard(robot=ModelRobot(**robot), limits=limits, **content)
         except (KeyError, TypeError, AttributeError) as error:

@@ -50,17 +50,17 @@ class LimitsFrame:
 
 
 class SceneEncoding(Protocol):
-    """Turns scenes into arrays of one shape. The classes below are dataclasses of JSON values.
-
-    Attributes:
-        kind: its name in cards.
-        shape: of the arrays.
-    """
-
-    kind: str
+    """Turns scenes into arrays of one shape. The classes below are dataclasses of JSON values."""
 
     @property
-    def shape(self) -> tuple[int, ...]: ...
+    def kind(self) -> str:
+        """Its name in cards."""
+        ...
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the arrays."""
+        ...
 
     def encode(self, scene: Scene) -> FloatGrid:
         """The scene, as numbers of a size around 1.
@@ -140,7 +140,7 @@ class BasisDistances:
         points = basis_points(np.array(self.box_lower), np.array(self.box_upper), self.count)
         return distances_at(scene, points, self.cap) / np.float32(self.cap)
 
-    def state_frame(self, scene: Scene) -> LimitsFrame:  # noqa: ARG002
+    def state_frame(self, scene: Scene) -> LimitsFrame:
         return LimitsFrame(self.state_lower, self.state_upper)
 
 

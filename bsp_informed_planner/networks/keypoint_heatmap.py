@@ -76,7 +76,9 @@ class KeypointHeatmap(nn.Module):
         self.register_buffer("centres", torch.stack(torch.meshgrid(along, along, indexing="ij")), persistent=False)
         self.centres: Tensor
         # The layout in which convolutions of few channels are fast.
-        self.to(memory_format=torch.channels_last)
+        for parameter in self.parameters():
+            if parameter.ndim == 4:
+                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
 
     def forward(self, distances: Tensor, targets: Tensor) -> HeatmapFields:
         """The fields of problems.

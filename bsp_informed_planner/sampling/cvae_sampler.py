@@ -110,7 +110,7 @@ def cvae_sampler(
         network,
         np.concatenate((both, flat), axis=1),
         weights,
-        lambda states, members: frame_of_view.to_metres(states),  # noqa: ARG005
+        lambda states, members: frame_of_view.to_metres(states),
         lower,
         upper,
     )

@@ -108,7 +108,7 @@ class PrimitiveDatabase:
         counts: list[int] = []
         for primitives, states, points in experiences:
             near = primitives.near(points, options.reach)
-            used = near.any(axis=1)
+            used = np.asarray(near.any(axis=1))
             kept.append(primitives.selected(used))
             for row in near[used]:
                 waypoints.append(states[row])
@@ -192,10 +192,10 @@ class GmmGuide:
 
     def guide(
         self,
-        start: FloatArray,  # noqa: ARG002
-        goals: FloatArray,  # noqa: ARG002
-        checker: CollisionChecker,  # noqa: ARG002
-        should_stop: Callable[[], bool] | None = None,  # noqa: ARG002
+        start: FloatArray,
+        goals: FloatArray,
+        checker: CollisionChecker,
+        should_stop: Callable[[], bool] | None = None,
     ) -> Guidance:
         """See `Guide`: the same samples for all problems of the scene, and no chains.
 

@@ -192,8 +192,8 @@ class RegressionEstimator:
         view: SceneView,
         start: FloatArray,
         target: FloatArray,
-        count: int,  # noqa: ARG002
-        rng: np.random.Generator,  # noqa: ARG002
+        count: int,
+        rng: np.random.Generator,
     ) -> list[EstimatedChain]:
         """See `KeypointEstimator`."""
         unit_start, unit_target = view.frame.to_unit(start), view.frame.to_unit(target)

@@ -171,8 +171,8 @@ class ShortestPathGuide:
         self,
         start: FloatArray,
         goals: FloatArray,
-        checker: CollisionChecker,  # noqa: ARG002
-        should_stop: Callable[[], bool] | None = None,  # noqa: ARG002
+        checker: CollisionChecker,
+        should_stop: Callable[[], bool] | None = None,
     ) -> Guidance:
         """See `Guide`: samples between the start and the nearest goal, and no chains."""
         begin = time.monotonic()

@@ -46,7 +46,9 @@ class LocalPrimitives:
 
         Planes have no box and make no primitives.
         """
-        boxes = [box for obstacle in scene.obstacles.values() for part in obstacle.placed_shapes() for box in _boxes(*part)]
+        boxes = [
+            box for obstacle in scene.obstacles.values() for part in obstacle.placed_shapes() for box in _boxes(*part)
+        ]
         if len(boxes) < 2:
             return LocalPrimitives(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2, 3, 3)))
         centres, halves, rotations = (np.array(column) for column in zip(*boxes, strict=True))

@@ -56,5 +56,5 @@ def _suits(card: ModelCard, robot: Robot) -> bool:
 
 
 @lru_cache(maxsize=32)
-def _load(path: Path, changed: int) -> Model:  # noqa: ARG001 -- a file that has changed is read again
+def _load(path: Path, changed: int) -> Model:
     return load_model(path)

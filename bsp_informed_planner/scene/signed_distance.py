@@ -148,4 +148,3 @@ class SignedDistance:
             np.concatenate((centre, rotation.ravel(), 0.5 * np.asarray(size)))
             for size, centre in zip(sizes, centres, strict=True)
         )
-

@@ -112,9 +112,7 @@ class MazeWorld:
         """(m, 2) the shortest path, by the visibility graph of the walls' corners [m]."""
         walls = self.maze.walls
         lower, upper = walls[:, :2] - _CORNER, walls[:, 2:] + _CORNER
-        corners = np.concatenate(
-            [np.stack((x[:, 0], y[:, 1]), axis=1) for x in (lower, upper) for y in (lower, upper)]
-        )
+        corners = np.concatenate([np.stack((x[:, 0], y[:, 1]), axis=1) for x in (lower, upper) for y in (lower, upper)])
         inside = ((corners > 0.0) & (corners < self.maze.size)).all(axis=1)
         nodes = np.concatenate(([self.start, self.goal], corners[inside & (_clear(corners, walls))]))
         first, second = np.triu_indices(len(nodes), 1)
@@ -143,7 +141,7 @@ def visible(starts: FloatArray, ends: FloatArray, walls: FloatArray) -> np.ndarr
 def _clear(points: FloatArray, walls: FloatArray) -> np.ndarray:
     """(k,) which points (k, 2) lie in none of the walls."""
     inside = (points[:, None] > walls[None, :, :2]) & (points[:, None] < walls[None, :, 2:])
-    return np.asarray(~inside.all(axis=2).any(axis=1))
+    return ~np.any(np.all(inside, axis=2), axis=1)
 
 
 def _thinner_walls(maze: MazeProblem) -> Scene:

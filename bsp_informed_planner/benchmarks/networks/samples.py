@@ -79,8 +79,8 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
     """A table of all samplers."""
     section.text(
-        f"*Valid*: share of {SAMPLES} samples outside of walls. *Covered*: share of the shortest path within {NEAR} m of "
-        f"one of the first {COVERING} samples; a sampler can be valid and useless. *Fallback*: mazes in which exact "
+        f"*Valid*: share of {SAMPLES} samples outside of walls. *Covered*: share of the shortest path within {NEAR} m "
+        f"of one of the first {COVERING} samples; a sampler can be valid and useless. *Fallback*: mazes in which exact "
         "keypoints, or uniform samples, took the place of the network's. Times include all that guidance takes, of one "
         f"core; the samples' are of {SAMPLES}."
     )
