@@ -61,8 +61,8 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     section.text(
         f"One maze and problem a case. *Plain* is the likeliest chain of a network, *best of {CHAINS}* is whether any "
         f"of {CHAINS} chains, the plain one among them, is good, which a check then tells. A chain is *usable* if it "
-        "ends at the goal, no keypoint lies in a wall, and all its segments are free of walls that are 1 cm thinner on each "
-        "side; *free* if they are free of the walls as they are. Times are of one core, compiled and warm."
+        "ends at the goal, no keypoint lies in a wall, and all its segments are free of walls that are 1 cm thinner on "
+        "each side; *free* if they are free of the walls as they are. Times are of one core, compiled and warm."
     )
     kinds = ["straight", "exact", *(kind for kind in NETWORKS if f"{kind}_usable" in rows[0])]
     names = ("reached", "valid", "connected", "nearly", "usable", "free")
