@@ -19,11 +19,17 @@ from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import InvalidOptionError, TrainingError
 from bsp_informed_planner.experience.dataset import Experience
 from bsp_informed_planner.experience.keypoint_examples import HeatmapExamples, HeatmapTargets, RegressionExamples
-from bsp_informed_planner.experience.sampler_examples import SceneSamplerExamples, SegmentSamplerExamples, resampled
+from bsp_informed_planner.experience.sampler_examples import (
+    SceneSamplerExamples,
+    SegmentSamplerExamples,
+    noisy_states,
+    resampled,
+)
 from bsp_informed_planner.experience.trainable_models import MODELS, Training, prepare_training
 from bsp_informed_planner.experience.training import TrainingOptions, TrainingResult, TrainingState, train
 from bsp_informed_planner.networks.encoding import PlanarDistances, PlanarOccupancy
 from bsp_informed_planner.networks.registry import load_model
+from bsp_informed_planner.scene.signed_distance import SignedDistance
 
 QUICK = TrainingOptions(steps=8, batch_size=8, validate_every=4, warmup=2)
 
@@ -258,20 +264,36 @@ def test_regression_examples_are_neighbours_of_chains(training_split: Experience
     assert batch["scenes"].shape == (len(chains[0]) - 1, 64)
 
 
-def test_states_of_samplers_lie_on_paths(training_split: Experience) -> None:
+def test_paths_are_resampled_evenly(training_split: Experience) -> None:
     path = training_split.paths[0]
     points = resampled(path)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     np.testing.assert_allclose(points[[0, -1]], path[[0, -1]])
     assert steps.max() < 1.01 * training_split.path_costs[0] / 31
-    whole = SceneSamplerExamples(training_split, PlanarOccupancy(4), True, 0.0, True, 3)
-    assert len(whole) == len(training_split)
+
+
+def test_states_of_samplers_lie_around_paths_and_never_in_walls(training_split: Experience) -> None:
+    field = SignedDistance(training_split.scene(0), 0.0)
+    path = training_split.paths[0]
+    states = noisy_states(path, 300, 0.05, np.random.default_rng(0), lambda points: field.at(points) > 0.0)
+    assert (field.at(states) > 0.0).all()
+    assert not (field.at(noisy_states(path, 300, 0.05, np.random.default_rng(0), None)) > 0.0).all()
+    stuck = noisy_states(path, 50, 0.05, np.random.default_rng(0), lambda points: np.zeros(len(points), np.bool_))
+    nearest = np.linalg.norm(stuck[:, None] - resampled(path, 2000)[None], axis=2).min(axis=1)
+    assert nearest.max() < 1e-3
+
+
+def test_examples_of_samplers(training_split: Experience) -> None:
     rng = np.random.default_rng(0)
-    for _ in range(5):
-        batch = whole.batch(np.arange(3), rng)
-        assert batch["conditions"].shape == (3, 4 + 16)
-        assert batch["noise"].shape == (3, 3)
-    local = SegmentSamplerExamples(training_split, PlanarDistances(11), 0.0, 3)
+    whole = SceneSamplerExamples(training_split, PlanarOccupancy(4), True, 0.0, True, 3, seed=0)
+    assert len(whole) == len(training_split)
+    batch = whole.batch(np.arange(3), rng)
+    assert batch["conditions"].shape == (3, 4 + 16)
+    assert batch["noise"].shape == (3, 3)
+    plain = whole.batch(np.arange(3), None)["conditions"]
+    np.testing.assert_allclose(plain[:, :2], training_split.starts[:3], atol=1e-6)
+    np.testing.assert_allclose(plain[:, 2:4], training_split.goals[:3], atol=1e-6)
+    local = SegmentSamplerExamples(training_split, PlanarDistances(11), 0.0, 3, seed=0)
     states = local.batch(np.arange(len(local)), rng)["states"].numpy()
     # Straight subpaths are the unit interval of their own frame.
     np.testing.assert_allclose(states[:, 1], 0.0, atol=1e-5)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -12,14 +12,17 @@ from torch import Tensor, nn
 from bsp_informed_planner.experience.dataset import Experience
 from bsp_informed_planner.experience.symmetries import random_symmetry, turned_grids, turned_points
 from bsp_informed_planner.networks.cvae import Cvae
-from bsp_informed_planner.networks.encoding import PlanarDistances, SceneEncoding
+from bsp_informed_planner.networks.encoding import PlanarDistances, SceneEncoding, StateFrame
 from bsp_informed_planner.networks.segment_frame import SegmentFrames, reflected
 from bsp_informed_planner.scene.encodings import FloatGrid
 from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.scene import Scene
 from bsp_informed_planner.scene.signed_distance import SignedDistance
 
-#: Points that are kept of each path.
-POINTS = 32
+#: Points by which a path is resampled, and states that are kept of each path.
+POINTS, STATES = 32, 64
+#: Draws of a state that collides, before it loses its noise.
+_TRIES = 10
 
 
 def resampled(path: FloatArray, count: int = POINTS) -> FloatArray:
@@ -29,26 +32,40 @@ def resampled(path: FloatArray, count: int = POINTS) -> FloatArray:
     return np.stack([np.interp(places, lengths, path[:, k]) for k in range(path.shape[1])], axis=1)
 
 
-class _States:
-    """States on paths: drawn evenly along them, with noise.
+def noisy_states(
+    path: FloatArray,
+    count: int,
+    spread: float,
+    rng: np.random.Generator,
+    is_free: Callable[[FloatArray], NDArray[np.bool_]] | None,
+) -> FloatArray:
+    """States around a path: drawn evenly along it, with Gaussian noise; those that collide are drawn again.
 
     Args:
-        paths: each (POINTS, n), in the coordinates of the network.
-        spread: standard deviation of the noise of each path, in the same coordinates.
+        path: (m, n) of straight edges.
+        count: number of states.
+        spread: standard deviation of the noise.
+        rng: source of randomness.
+        is_free: which of states (k, n) are free; None: all.
+
+    Returns:
+        (count, n). A state that collides at every try is one of the path itself.
     """
-
-    def __init__(self, paths: Sequence[FloatArray], dof: int, spread: Sequence[float]) -> None:
-        self.paths = np.array(paths, dtype=np.float32).reshape(-1, POINTS, dof)
-        self._spread = np.array(spread, dtype=np.float32)
-
-    def draw(self, indices: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float32]:
-        """One state (n,) of each path."""
-        place = rng.uniform(0.0, POINTS - 1.0, len(indices))
+    points = resampled(path)
+    found = np.zeros((count, path.shape[1]))
+    left = np.arange(count)
+    for _ in range(_TRIES):
+        place = rng.uniform(0.0, POINTS - 1.0, len(left))
         before = np.minimum(place.astype(np.int64), POINTS - 2)
-        share = (place - before).astype(np.float32)[:, None]
-        states = (1.0 - share) * self.paths[indices, before] + share * self.paths[indices, before + 1]
-        noise = rng.normal(size=states.shape).astype(np.float32)
-        return states + self._spread[indices, None] * noise
+        share = (place - before)[:, None]
+        states = (1.0 - share) * points[before] + share * points[before + 1]
+        noisy = states + rng.normal(0.0, spread, states.shape)
+        free = np.ones(len(left), np.bool_) if is_free is None else is_free(noisy)
+        found[left] = np.where(free[:, None], noisy, states)
+        left = left[~free]
+        if not len(left):
+            break
+    return found
 
 
 class SceneSamplerExamples:
@@ -59,8 +76,10 @@ class SceneSamplerExamples:
         encoding: of their scenes.
         whole: paths of whole problems, for the baseline of shortest paths; else those of subproblems.
         spread: standard deviation of noise on the states, in unit coordinates.
-        planar: whether states are points of the plane, whose symmetries are used as augmentation.
+        planar: whether states are points of the plane: then noise never takes them into obstacles, and the symmetries
+            of the plane are used as augmentation.
         latent_size: of the network.
+        seed: of the states that are kept.
     """
 
     def __init__(
@@ -71,19 +90,28 @@ class SceneSamplerExamples:
         spread: float,
         planar: bool,
         latent_size: int,
+        seed: int,
     ) -> None:
         self._planar, self._latent_size = planar, latent_size
-        scenes, rows, paths = [], [], []
+        scenes: list[FloatGrid] = []
+        rows: list[int] = []
+        ends: list[FloatArray] = []
+        states: list[FloatArray] = []
         for number in range(len(experience)):
+            rng = np.random.default_rng([seed, number])
             scene = experience.scene(number)
             frame = encoding.state_frame(scene)
             scenes.append(encoding.encode(scene))
+            is_free = _outside(scene, encoding, frame) if planar else None
             for path in (experience.paths[number],) if whole else experience.subpaths[number]:
+                unit = frame.to_unit(path)
                 rows.append(number)
-                paths.append(frame.to_unit(resampled(path)))
+                ends.append(unit[[0, -1]])
+                states.append(noisy_states(unit, STATES, spread, rng, is_free).astype(np.float32))
         self._scenes = np.array(scenes, dtype=np.float32)
         self._rows = np.array(rows, dtype=np.int64)
-        self._states = _States(paths, experience.dof, [spread] * len(paths))
+        self._ends = np.array(ends, dtype=np.float32).reshape(-1, 2, experience.dof)
+        self._states = np.array(states, dtype=np.float32).reshape(-1, STATES, experience.dof)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -91,48 +119,52 @@ class SceneSamplerExamples:
     def batch(self, indices: NDArray[np.int64], rng: np.random.Generator | None) -> dict[str, Tensor]:
         """states (b, n), conditions (b, 2 n + s): both ends and the scene; noise (b, latent_size)."""
         drawing = np.random.default_rng(int(indices[0])) if rng is None else rng
-        paths = self._states.paths[indices]
-        points = [torch.from_numpy(array) for array in (self._states.draw(indices, drawing), paths[:, 0], paths[:, -1])]
+        states = self._states[indices, drawing.integers(STATES, size=len(indices))]
+        ends = self._ends[indices]
+        points = [torch.from_numpy(array) for array in (states, ends[:, 0], ends[:, 1])]
         scenes = torch.from_numpy(self._scenes[self._rows[indices]])
         if self._planar:
             symmetry = random_symmetry(rng)
             points = [turned_points(symmetry, array) for array in points]
             scenes = turned_grids(symmetry, scenes)
-        states, starts, ends = points
         noise = torch.from_numpy(drawing.normal(size=(len(indices), self._latent_size)).astype(np.float32))
         return {
-            "states": states,
-            "conditions": torch.cat((starts, ends, scenes.flatten(1)), dim=1),
+            "states": points[0],
+            "conditions": torch.cat((points[1], points[2], scenes.flatten(1)), dim=1),
             "noise": noise,
         }
 
 
 class SegmentSamplerExamples:
-    """States on paths of subproblems of a planar robot, in the frame of their keypoints.
+    """States on paths of subproblems of a planar robot, in the frame of their keypoints; none of them in an obstacle.
 
     Args:
         experience: solved problems.
         encoding: gives the unit square and the section.
         spread: standard deviation of noise on the states, in edges of the grid.
         latent_size: of the network.
+        seed: of the states that are kept.
     """
 
-    def __init__(self, experience: Experience, encoding: PlanarDistances, spread: float, latent_size: int) -> None:
+    def __init__(
+        self, experience: Experience, encoding: PlanarDistances, spread: float, latent_size: int, seed: int
+    ) -> None:
         self._latent_size = latent_size
         conditions: list[FloatGrid] = []
-        paths: list[FloatArray] = []
-        spreads: list[float] = []
+        states: list[FloatArray] = []
         for number in range(len(experience)):
+            rng = np.random.default_rng([seed, number])
             scene = experience.scene(number)
             frame = encoding.state_frame(scene)
-            subpaths = [frame.to_unit(resampled(path)) for path in experience.subpaths[number]]
+            is_free = _outside(scene, encoding, frame)
+            subpaths = [frame.to_unit(path) for path in experience.subpaths[number]]
             frames = SegmentFrames.of(np.array([p[0] for p in subpaths]), np.array([p[-1] for p in subpaths]))
             conditions.append(frames.conditions(SignedDistance(scene, encoding.section_height), frame))
             for segment, path in enumerate(subpaths):
-                paths.append(frames.to_local(path, np.full(len(path), segment)))
-            spreads.extend(spread / frames.lengths)
+                drawn = noisy_states(path, STATES, spread, rng, is_free)
+                states.append(frames.to_local(drawn, np.full(STATES, segment)).astype(np.float32))
         self._conditions = np.concatenate(conditions) if conditions else np.zeros((0, 1), np.float32)
-        self._states = _States(paths, 2, spreads)
+        self._states = np.array(states, dtype=np.float32).reshape(-1, STATES, 2)
 
     def __len__(self) -> int:
         return len(self._conditions)
@@ -140,12 +172,19 @@ class SegmentSamplerExamples:
     def batch(self, indices: NDArray[np.int64], rng: np.random.Generator | None) -> dict[str, Tensor]:
         """states (b, 2), conditions (b, CONDITION_SIZE), noise (b, latent_size)."""
         drawing = np.random.default_rng(int(indices[0])) if rng is None else rng
-        states, conditions = self._states.draw(indices, drawing), self._conditions[indices]
+        states = self._states[indices, drawing.integers(STATES, size=len(indices))]
+        conditions = self._conditions[indices]
         if rng is not None and rng.random() < 0.5:
             states, conditions = states * np.array([1.0, -1.0], np.float32), reflected(conditions)
         noise = drawing.normal(size=(len(indices), self._latent_size)).astype(np.float32)
         arrays = {"states": states, "conditions": conditions, "noise": noise}
         return {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
+
+
+def _outside(scene: Scene, encoding: SceneEncoding, frame: StateFrame) -> Callable[[FloatArray], NDArray[np.bool_]]:
+    """Which points (k, 2) of the unit square lie outside of obstacles."""
+    field = SignedDistance(scene, getattr(encoding, "section_height", 0.0))
+    return lambda points: np.asarray(field.at(frame.to_metres(points)) > 0.0)
 
 
 class SamplerObjective(nn.Module):

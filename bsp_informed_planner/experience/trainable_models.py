@@ -183,7 +183,7 @@ def _scene_sampler(
     whole = model.kind == "cvae_shortest_path"
 
     def examples(part: Experience) -> SceneSamplerExamples:
-        return SceneSamplerExamples(part, encoding, whole, SCENE_SPREAD, planar, latent_size)
+        return SceneSamplerExamples(part, encoding, whole, SCENE_SPREAD, planar, latent_size, seed)
 
     return Training(
         network, SamplerObjective(network, SCENE_DIVERGENCE), examples(training), examples(validation), card
@@ -211,7 +211,7 @@ def _segment_sampler(
     network = _built(card, Cvae)
 
     def examples(part: Experience) -> SegmentSamplerExamples:
-        return SegmentSamplerExamples(part, encoding, SEGMENT_SPREAD, latent_size)
+        return SegmentSamplerExamples(part, encoding, SEGMENT_SPREAD, latent_size, seed)
 
     return Training(
         network, SamplerObjective(network, SEGMENT_DIVERGENCE), examples(training), examples(validation), card
