@@ -6,7 +6,14 @@ MoveIt error code, once. The text of an exception is a sentence that names the c
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
+
+
+def _like(name: str, known: Sequence[str]) -> str:
+    """ " (did you mean ...?)" with the known names that are most like a name; empty if none is."""
+    close = difflib.get_close_matches(name, known, n=2)
+    return f" (did you mean {' or '.join(repr(other) for other in close)}?)" if close else ""
 
 
 class BspPlannerError(Exception):
@@ -103,6 +110,25 @@ class SceneRevisionError(SceneError):
         super().__init__(f"scene revision {asked} was asked for, revision {available} is in force")
 
 
+class SceneEpochError(SceneError):
+    """A plan was asked for on a scene of another epoch: the decomposition node has been restarted in between.
+
+    Attributes:
+        asked: the epoch of the request.
+        available: the epoch in force; 0: none is known yet.
+    """
+
+    def __init__(self, asked: int, available: int) -> None:
+        self.asked = asked
+        self.available = available
+        super().__init__(
+            f"a scene of epoch {asked} was asked for, epoch {available} is in force: the decomposition node has been "
+            "restarted; publish the scene again"
+            if available > asked
+            else f"a scene of epoch {asked} was asked for, which has not been heard of (known: {available})"
+        )
+
+
 class UnknownFrameError(BspPlannerError):
     """A frame is neither the planning frame nor a frame of the robot.
 
@@ -117,7 +143,7 @@ class UnknownFrameError(BspPlannerError):
         self.frame = frame
         self.known = tuple(known)
         listed = ", ".join(self.known[:12]) + (", ..." if len(self.known) > 12 else "")
-        super().__init__(f"{of + ': ' if of else ''}unknown frame '{frame}' (known: {listed})")
+        super().__init__(f"{of + ': ' if of else ''}unknown frame '{frame}'{_like(frame, known)} (known: {listed})")
 
 
 # --- robot ---------------------------------------------------------------------------------------------------------
@@ -161,7 +187,8 @@ class UnknownJointError(RobotError):
     def __init__(self, joints: Sequence[str], known: Sequence[str]) -> None:
         self.joints = tuple(joints)
         self.known = tuple(known)
-        super().__init__(f"unknown joint(s) {', '.join(self.joints)}; the robot has {', '.join(self.known)}")
+        named = ", ".join(f"{joint}{_like(joint, known)}" for joint in self.joints)
+        super().__init__(f"unknown joint(s) {named}; the robot has {', '.join(self.known)}")
 
 
 # --- problem -------------------------------------------------------------------------------------------------------
@@ -271,6 +298,37 @@ class InvalidOptionError(BspPlannerError):
         self.value = value
         self.expected = expected
         super().__init__(f"{option} = {value!r}: expected {expected}")
+
+
+class UnsupportedRequestError(BspPlannerError):
+    """A message asks for something that this planner does not do, and that cannot be left out without harm.
+
+    Attributes:
+        field: of the message.
+        reason: what is not supported about it.
+    """
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field = field
+        self.reason = reason
+        super().__init__(f"{field}: {reason}")
+
+
+class UnknownParameterError(BspPlannerError):
+    """A node was given a parameter that it does not have.
+
+    Attributes:
+        name: of the parameter.
+        node: its name.
+        similar: parameters that it has and that may have been meant.
+    """
+
+    def __init__(self, name: str, node: str, similar: Sequence[str]) -> None:
+        self.name = name
+        self.node = node
+        self.similar = tuple(similar)
+        hint = f"; did you mean {' or '.join(self.similar)}?" if self.similar else ""
+        super().__init__(f"{node} has no parameter '{name}'{hint}")
 
 
 class UnknownPlannerError(BspPlannerError):

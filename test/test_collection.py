@@ -238,11 +238,17 @@ def test_examine_path_rejects_what_comes_back() -> None:
     decomposition = decompose(problem.scene, DecompositionOptions(dimension=2))
     there = np.array([[0.2, 0.8], [0.8, 0.8]])
     back = np.array([*there, [0.2, 0.95]])
-    assert reentry(decomposition, ToolPath.of(POINT, decomposition, there, 0.1), 1e-6) is None
-    position = reentry(decomposition, ToolPath.of(POINT, decomposition, back, 0.1), 1e-6)
-    assert position is not None
-    assert 1.0 < position < 2.0
-    assert reentry(decomposition, ToolPath.of(POINT, decomposition, back, 0.1), 1.0) is None
+
+    def entered_again(*parts: FloatArray, tolerance: float = 1e-6, detours: bool = False) -> int | None:
+        tools = [ToolPath.of(POINT, decomposition, part, 0.1) for part in parts]
+        return reentry(decomposition, tools, tolerance, detours)
+
+    assert entered_again(there) is None
+    assert entered_again(back) == 0
+    assert entered_again(back, detours=True) is None
+    assert entered_again(there, back[1:]) == 1
+    assert entered_again(there, back[1:], detours=True) == 1
+    assert entered_again(there, back[1:], tolerance=1.0) is None
     states, points = portal_crossings(decomposition, ToolPath.of(POINT, decomposition, there, 0.1))
     assert np.allclose(states, points[:, :2])
     assert np.allclose(np.sort(states[:, 0])[[0, -1]], [0.45, 0.55])

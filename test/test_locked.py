@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from bsp_informed_planner.errors import InvalidOptionError, UnknownJointError, UnsupportedJointError
+from bsp_informed_planner.errors import InvalidOptionError, UnknownFrameError, UnknownJointError, UnsupportedJointError
 from bsp_informed_planner.robots.arm import load_arm
 from bsp_informed_planner.robots.locked import lock_to_hold, locked_values, parse_locked_joints
 
@@ -79,6 +79,25 @@ def test_a_base_that_floats_is_held_where_it_is(kind: str) -> None:
     robot = load_arm(arm(kind), locked_joints={"a": 0.0})
     assert robot.joint_names == ("b",)
     np.testing.assert_allclose(robot.forward_kinematics(np.zeros(1), "l1").position, [0, 0, 1])
+
+
+def test_a_held_joint_may_be_called_like_a_link() -> None:
+    urdf = arm("revolute", '<limit lower="-1" upper="1" velocity="1" effort="1"/>').replace(
+        'joint name="b"', 'joint name="l2"'
+    )
+    robot = load_arm(urdf, locked_joints={"l2": 0.5})
+    assert robot.joint_names == ("a",)
+    assert robot.description.locked_joints == {"l2": 0.5}
+    free = load_arm(urdf)
+    np.testing.assert_allclose(
+        robot.forward_matrix(np.array([0.3]), "l2"), free.forward_matrix(np.array([0.3, 0.5]), "l2")
+    )
+
+
+def test_names_that_are_meant_are_proposed() -> None:
+    urdf = arm("continuous").replace('"l2"', '"gripper_link"')
+    with pytest.raises(UnknownFrameError, match=r"'gripper_lnk' \(did you mean 'gripper_link'\?\)"):
+        load_arm(urdf, tool_frame="gripper_lnk")
 
 
 def test_a_joint_without_range_can_be_held() -> None:

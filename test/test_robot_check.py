@@ -129,6 +129,14 @@ def test_what_could_be_better_is_said() -> None:
     assert any("other tips (l3)" in note for note in sentences(report, Severity.NOTE))
 
 
+def test_pairs_that_collide_often_are_pointed_out() -> None:
+    # The outer links are wide, and overlap unless the arm is stretched.
+    wide = BOX.replace("0.05 0.05 0.3", "0.7 0.7 0.7")
+    report, _ = check_robot(arm(joint("a", 0), joint("b", 1), bodies=(wide, BOX, wide)), options=QUICK)
+    warnings = sentences(report, Severity.WARNING)
+    assert any("l0 and l2 collide in 20 %" in warning for warning in warnings), report.findings
+
+
 def test_the_command_prints_writes_and_ends_with_a_status(tmp_path: Path) -> None:
     urdf, srdf = tmp_path / "own.urdf", tmp_path / "new" / "own.srdf"
     urdf.write_text(arm(joint("a", 0), joint("b", 1), joint("c", 2)))

@@ -45,6 +45,10 @@ UrdfOption = Annotated[
     Path | None,
     typer.Option(help="URDF of your own arm; it takes the place of --robot.", exists=True, dir_okay=False),
 ]
+HostOption = Annotated[
+    str, typer.Option(help="Address that the page is served at; 0.0.0.0 lets other computers look too.")
+]
+PortOption = Annotated[int, typer.Option(help="Port of the page, or the next one that is free.", min=0, max=65535)]
 
 
 def _choice(
@@ -58,6 +62,21 @@ def _choice(
     from bsp_informed_planner.cli.robots import RobotChoice
 
     return RobotChoice(robot.value, urdf, srdf, tuple(package_dir or ()), tool_frame, tuple(lock or ()))
+
+
+def _named_choice(
+    robot: DemoRobot | None,
+    urdf: Path | None,
+    srdf: Path | None,
+    package_dir: list[Path] | None,
+    tool_frame: str | None,
+    lock: list[str] | None,
+) -> RobotChoice | None:
+    """None if no option names a robot: a file may."""
+    options = (srdf, package_dir, tool_frame, lock)
+    if robot is None and urdf is None and not any(options):
+        return None
+    return _choice(robot or DemoRobot.UR5, urdf, *options)
 
 
 def _print_version(wanted: bool) -> None:
@@ -105,12 +124,23 @@ def nodes(
     params_file: Annotated[
         Path | None, typer.Option(help="ROS parameter file, e.g. config/ur5.yaml.", exists=True, dir_okay=False)
     ] = None,
+    restart: Annotated[bool, typer.Option(help="Start a node again that has crashed.")] = True,
 ) -> None:
     """Start the decomposition, inference and planner nodes, without `ros2 launch`. Ctrl-C stops them."""
     from bsp_informed_planner.cli.nodes import run_nodes
 
     choice = _choice(robot, urdf, srdf, package_dir, tool_frame, lock)
-    raise typer.Exit(run_nodes(choice, namespace, params_file))
+    raise typer.Exit(run_nodes(choice, namespace, params_file, restart))
+
+
+@app.command()
+def parameters(
+    write: Annotated[Path | None, typer.Option(help="Write the table into this file, e.g. docs/parameters.md.")] = None,
+) -> None:
+    """Print the parameters of the nodes: types, defaults, bounds and meaning, as Markdown."""
+    from bsp_informed_planner.cli.parameters import run_parameters
+
+    raise typer.Exit(run_parameters(write))
 
 
 @app.command()
@@ -150,10 +180,7 @@ def plan(
     """Plan a path through a scene file, without ROS, or repeat a plan that a planner node has saved."""
     from bsp_informed_planner.cli.plan import PlanArguments, run_plan
 
-    options = (srdf, package_dir, tool_frame, lock)
-    choice = None
-    if robot is not None or urdf is not None or any(options):
-        choice = _choice(robot or DemoRobot.UR5, urdf, *options)
+    choice = _named_choice(robot, urdf, srdf, package_dir, tool_frame, lock)
     raise typer.Exit(
         run_plan(
             PlanArguments(
@@ -183,11 +210,43 @@ def decompose(
     grid: Annotated[int, typer.Option(help="Keypoint candidates along each side of a portal; odd.", min=1)] = 3,
     json: Annotated[bool, typer.Option("--json", help="Print cells, portals, candidates and times as JSON.")] = False,
     png: Annotated[Path | None, typer.Option(help="Draw cells, portals and candidates into this file.")] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it in a browser, to turn and try; Ctrl-C ends.")] = False,
+    host: HostOption = "localhost",
+    port: PortOption = 8080,
 ) -> None:
     """Partition a scene file by BSP, and say what came of it."""
     from bsp_informed_planner.cli.decompose import run_decompose
 
-    raise typer.Exit(run_decompose(scene, dimension, grid, json, png))
+    raise typer.Exit(run_decompose(scene, dimension, grid, json, png, (host, port) if view else None))
+
+
+@app.command()
+def view(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Scene or problem file: our YAML, or a MoveIt planning scene. Default: a random example.", exists=True
+        ),
+    ] = None,
+    robot: PlanRobotOption = None,
+    urdf: UrdfOption = None,
+    srdf: SrdfOption = None,
+    package_dir: PackageOption = None,
+    tool_frame: ToolOption = None,
+    lock: LockOption = None,
+    nodes: Annotated[
+        bool, typer.Option("--nodes", help="Show the scene of running nodes, and plan through them; no file then.")
+    ] = False,
+    namespace: Annotated[str, typer.Option(help="ROS namespace of the nodes.")] = "",
+    seed: Annotated[int, typer.Option(help="Picks the example.", min=0)] = 1,
+    host: HostOption = "localhost",
+    port: PortOption = 8080,
+) -> None:
+    """Show a robot in a scene in a browser: set start and goal, plan, watch it move. Ctrl-C ends."""
+    from bsp_informed_planner.cli.view import ViewArguments, run_view
+
+    choice = _named_choice(robot, urdf, srdf, package_dir, tool_frame, lock)
+    raise typer.Exit(run_view(ViewArguments(scene, choice, nodes, namespace, seed, host, port)))
 
 
 @app.command()

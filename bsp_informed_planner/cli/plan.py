@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import typer
 
+from bsp_informed_planner.cli.output_files import prepare_output
 from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
 from bsp_informed_planner.cli.scene_files import load_problem, numbers, pose_option
 from bsp_informed_planner.errors import BspPlannerError, InvalidStateError, PlanningFailedError, UnknownFrameError
@@ -18,6 +19,7 @@ from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import Goal, JointGoal, PlanningProblem, PlanOptions, PlanResult, PoseGoal
 from bsp_informed_planner.robots.reference import load_reference
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.outside import outside_warning
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class PlanArguments:
 
 def run_plan(arguments: PlanArguments) -> int:
     """Plan, print, draw. Returns the exit status: 1 without a path, 2 for a problem that is none."""
+    prepare_output("--png", arguments.png)
     loaded = load_problem(arguments.scene)
     scene, start = loaded.scene, loaded.start
     if arguments.choice is None and loaded.robot is not None:
@@ -63,6 +66,8 @@ def run_plan(arguments: PlanArguments) -> int:
         goals.append(PoseGoal(pose_option("--goal-pose", arguments.goal_pose)))
     options = _options(arguments, loaded.options)
     planner = Planner(robot, scene)
+    if warning := outside_warning(scene):
+        typer.echo(f"warning: {warning}", err=True)
     try:
         result = planner.plan(PlanningProblem(start, goals or loaded.goals), options)
     except BspPlannerError as error:

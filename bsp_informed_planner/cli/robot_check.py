@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from bsp_informed_planner.cli.output_files import prepare_output
 from bsp_informed_planner.collision.check_speed import CheckSpeed, measure_checks
 from bsp_informed_planner.errors import BspPlannerError
 from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions
@@ -73,6 +74,7 @@ class FirstPlan:
 
 def run_check(arguments: CheckArguments) -> int:
     """Check, print, write the SRDF. Returns the exit status: 1 if something prevents planning."""
+    prepare_output("--write-srdf", arguments.write_srdf)
     locked = parse_locked_joints(",".join(arguments.lock))
     with _quiet("bsp_informed_planner.robots"), _progress(arguments.json) as bar:
         tasks: dict[str, Any] = {}
@@ -104,7 +106,6 @@ def run_check(arguments: CheckArguments) -> int:
         if robot is None or report.self_collision is None:
             typer.echo("error: no SRDF is written: the robot could not be loaded", err=True)
         else:
-            arguments.write_srdf.parent.mkdir(parents=True, exist_ok=True)
             text = proposed_srdf(robot, report.self_collision, arguments.srdf)
             arguments.write_srdf.write_text(text, encoding="utf-8")
             typer.echo(f"SRDF: {arguments.write_srdf}", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from bsp_informed_planner.decomposition.array_types import Floats, Indices
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.decomposition.search_kernels import search_chain
 from bsp_informed_planner.decomposition.traversal_kernels import free_cell_near, polyline_cells, segment_is_free
-from bsp_informed_planner.errors import KeypointsUnavailableError
+from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError
 
 # Stand for the ends of a chain in pairs of candidate indices.
 START, GOAL = -1, -2
@@ -80,6 +81,7 @@ def shortest_chain(
     Raises:
         KeypointsUnavailableError: if the start or goal is outside the workspace or in an obstacle, or no chain
             connects them.
+        InvalidOptionError: if the clearance weight is negative or not finite.
         IndexError: if a removed candidate, or an end of a removed edge, does not exist.
     """
     count = decomposition.candidate_count
@@ -144,6 +146,8 @@ def visits_along(
     points = np.ascontiguousarray(polyline, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise ValueError(f"polyline of shape {points.shape}: expected (m, 3)")
+    if not np.isfinite(points).all():
+        raise ValueError("polyline: a value is not finite")
     if len(points) == 1:
         return decomposition.locate(points), np.zeros(1)
     bounds = decomposition.bounds
@@ -166,6 +170,8 @@ def candidate_costs(decomposition: Decomposition, clearance_weight: float | None
     """(k,) what each candidate adds to the cost of a chain [m], see `shortest_chain`."""
     if clearance_weight is None:
         clearance_weight = CLEARANCE_WEIGHT if decomposition.dimension == 3 else 0.0
+    if not 0.0 <= clearance_weight < math.inf:
+        raise InvalidOptionError("clearance_weight", clearance_weight, "a number of at least 0")
     shortfall = 1.0 - decomposition.candidate_clearances / decomposition.clearance_cap
     return np.asarray(clearance_weight * np.maximum(0.0, shortfall))
 

@@ -151,6 +151,9 @@ class ChainSearch:
         failed_at: int | None = None
         rejected = False
         for lift in lifts:
+            if best is not None and lift.length >= _length(best):
+                # Straight edges are the least that the subpaths can have.
+                continue
             subpaths: list[FloatArray] = []
             for a, b in zip(lift.configurations[:-1], lift.configurations[1:], strict=True):
                 path = self._subpath(a, b)
@@ -179,16 +182,9 @@ class ChainSearch:
 
     def _reentered_segment(self, subpaths: list[FloatArray]) -> int | None:
         """The segment in which the path comes back to a cell that it has left."""
-        tools = [ToolPath.of(self._robot, self._decomposition, path, self._options.path_step) for path in subpaths]
-        whole = ToolPath(
-            np.concatenate([tools[0].states, *(tool.states[1:] for tool in tools[1:])]),
-            np.concatenate([tools[0].points, *(tool.points[1:] for tool in tools[1:])]),
-        )
-        position = reentry(self._decomposition, whole, self._options.revisit_tolerance)
-        if position is None:
-            return None
-        ends = np.cumsum([len(tool.states) - 1 for tool in tools])
-        return min(int(np.searchsorted(ends, position, side="right")), len(tools) - 1)
+        options = self._options
+        tools = [ToolPath.of(self._robot, self._decomposition, path, options.path_step) for path in subpaths]
+        return reentry(self._decomposition, tools, options.revisit_tolerance, options.allow_detours)
 
 
 def _length(paths: tuple[FloatArray, ...] | list[FloatArray]) -> float:

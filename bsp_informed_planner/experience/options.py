@@ -30,6 +30,8 @@ class CollectionOptions:
         search_resolution: no point of the robot moves further than this between states that are checked [m];
             None: the planner's.
         revisit_tolerance: a path has left a cell when it has been elsewhere for longer than this [m] (ExaminePath).
+        allow_detours: whether the way from one keypoint to the next may leave a cell and come back; False: no cell is
+            ever entered twice.
         path_step: distance of states at which the way of the reference point is followed [rad or m].
         guide: how keypoints are lifted to configurations.
 
@@ -50,6 +52,7 @@ class CollectionOptions:
     paddings: tuple[float, ...] = (0.0,)
     search_resolution: float | None = None
     revisit_tolerance: float = 1e-6
+    allow_detours: bool = False
     path_step: float = 0.05
     guide: KeypointGuideOptions = field(default_factory=KeypointGuideOptions)
 
@@ -82,5 +85,9 @@ def default_options(robot: Robot) -> CollectionOptions:
     if robot.workspace_dimension == 2:
         return CollectionOptions(search_resolution=0.002)
     return CollectionOptions(
-        epsilon=0.05, paddings=(0.03, 0.015, 0.007, 0.0), search_resolution=0.01, revisit_tolerance=0.02
+        epsilon=0.05,
+        paddings=(0.03, 0.015, 0.007, 0.0),
+        search_resolution=0.01,
+        revisit_tolerance=0.02,
+        allow_detours=True,
     )

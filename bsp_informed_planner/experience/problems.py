@@ -13,7 +13,11 @@ import numpy as np
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.errors import DatasetError, InvalidOptionError, PlanningFailedError, ProblemError
 from bsp_informed_planner.experience.seeds import SPLITS, Stage, generator, index_of, split_of
-from bsp_informed_planner.planning.shelf_problem import ShelfVariant, free_configurations, random_shelf_problem
+from bsp_informed_planner.planning.shelf_problem import (
+    ShelfVariant,
+    free_configurations,
+    random_shelf_problem_with_goals,
+)
 from bsp_informed_planner.planning.validation import validated_state
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.layers import nearest_windings
@@ -121,8 +125,10 @@ class ShelfSource:
         rng = generator(seed, Stage.PROBLEM)
         weights = np.array([share for _, share in self.shares])
         variant = self.shares[int(rng.choice(len(weights), p=weights / weights.sum()))][0]
-        scenario = random_shelf_problem(self.robot, rng, self.options, variant)
-        goals = _goals(self.robot, scenario, rng, self.goal_choice)
+        scenario, branches = random_shelf_problem_with_goals(self.robot, rng, self.options, variant)
+        goals = nearest_windings(self.robot, branches, scenario.start)
+        if self.goal_choice == "random":
+            goals = goals[rng.integers(len(goals))][None]
         return GeneratedProblem(self.family, variant.value, scenario.scene, scenario.start, goals)
 
 

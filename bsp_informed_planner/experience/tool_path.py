@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,27 +44,36 @@ class ToolPath:
 
 def reference_points(robot: Robot, decomposition: Decomposition, configurations: FloatArray) -> FloatArray:
     """(s, 3) reference point of the robot in configurations (s, n), in the plane of a 2D decomposition [m]."""
-    points = np.array([robot.forward_kinematics(configuration).position for configuration in configurations])
+    points = robot.reference_points(configurations)
     if decomposition.dimension == 2:
         points[:, 2] = decomposition.section_height
     return points
 
 
-def reentry(decomposition: Decomposition, path: ToolPath, tolerance: float) -> float | None:
+def reentry(decomposition: Decomposition, subpaths: Sequence[ToolPath], tolerance: float, detours: bool) -> int | None:
     """Where a path enters a cell that it has left (paper, ExaminePath, criterion 1).
 
     Args:
         decomposition: of the workspace.
-        path: the path.
+        subpaths: the path in its parts, each beginning where the one before ends.
         tolerance: visits shorter than this do not count [m].
+        detours: whether a part may leave a cell and come back to it before it ends. An arm that goes from one opening
+            to the next swings out of the cell between them more often than not.
 
     Returns:
-        position in `path.states`, or None if it never does.
+        index of the part in which it enters the cell again, or None if it never does.
     """
-    cells, begins = visits_along(decomposition, path.points, tolerance)
-    _, first = np.unique(cells, return_index=True)
-    repeated = np.setdiff1d(np.arange(len(cells)), first)
-    return float(begins[repeated[0]]) if len(repeated) else None
+    points = np.concatenate([subpaths[0].points, *(path.points[1:] for path in subpaths[1:])])
+    cells, begins = visits_along(decomposition, points, tolerance)
+    ends = np.cumsum([len(path.points) - 1 for path in subpaths])
+    part_of = np.minimum(np.searchsorted(ends, begins, side="right"), len(subpaths) - 1)
+    left_in: dict[int, int] = {}
+    for visit, (cell, part) in enumerate(zip(cells.tolist(), part_of.tolist(), strict=True)):
+        if visit > 0:
+            left_in[int(cells[visit - 1])] = part
+        if cell in left_in and not (detours and left_in[cell] == part):
+            return int(part)
+    return None
 
 
 def portal_crossings(decomposition: Decomposition, path: ToolPath) -> tuple[FloatArray, FloatArray]:

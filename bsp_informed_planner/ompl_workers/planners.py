@@ -106,29 +106,42 @@ class OmplSearch:
             Exception: what the checker raised.
         """
         util.RNG.setSeed(1 + self._request.seed % (_SEEDS - 1))
-        goals = self._request.goals
-        if self._request.planner_id == "ompl_aorrtc" and len(goals) > 1:
-            self._search_goals_in_turn()
+        if self._request.planner_id == "ompl_aorrtc":
+            self._run_aorrtc()
         else:
-            self._search(self._request.planner_id, goals, math.inf)
+            self._search(self._request.planner_id, self._request.goals, math.inf)
 
-    def _search_goals_in_turn(self) -> None:
-        """AORRTC for several goals, with which it returns paths to none (OMPL 2.0).
+    def _run_aorrtc(self) -> None:
+        """AORRTC, with what it takes to get right answers of it (OMPL 2.0).
 
-        First RRT-Connect, with which AORRTC begins anyway, for all of them; then AORRTC for one after the other, the
-        nearest first, each for half of the time that is left.
+        Its paths are wrong where the straight line to the goal is free, and with several goals. So straight lines are
+        tried first, and several goals are taken one after the other, the nearest first, each for half of the time that
+        is left, after RRT-Connect, with which AORRTC begins anyway, for all of them.
         """
-        goals = self._request.goals
-        path = self._search("ompl_rrt_connect", goals, math.inf)
-        if self._request.first_solution:
-            return
-        best = math.inf if path is None else _length(path)
+        start, goals, deadline = self._request.start, self._request.goals, self._request.deadline
+        best = math.inf
+        blocked: list[FloatArray] = []
         for goal in goals:
-            if self._should_stop():
+            length = float(np.linalg.norm(goal - start))
+            if self._should_stop() or length >= best:
+                break
+            if self._is_free(start, goal):
+                best = length
+                self._on_path(np.array([start, goal]))
+            else:
+                blocked.append(goal)
+        if self._request.first_solution and best < math.inf:
+            return
+        if len(goals) > 1:
+            path = self._search("ompl_rrt_connect", goals, best)
+            best = best if path is None else _length(path)
+            if self._request.first_solution:
                 return
-            if np.linalg.norm(goal - self._request.start) < best:
+        for index, goal in enumerate(blocked):
+            if np.linalg.norm(goal - start) < best and not self._should_stop():
                 now = time.monotonic()
-                path = self._search("ompl_aorrtc", goal[None], best, now + 0.5 * (self._request.deadline - now))
+                until = deadline if index + 1 == len(blocked) else now + 0.5 * (deadline - now)
+                path = self._search("ompl_aorrtc", goal[None], best, until)
                 best = best if path is None else _length(path)
 
     def _search(self, planner_id: str, goals: FloatArray, best: float, until: float = math.inf) -> FloatArray | None:
@@ -158,7 +171,9 @@ class OmplSearch:
             found = problem.getSolutionPath()
             states = self._states_of(found)
             length = _length(states)
-            if length < best and _arrives(states, goals):
+            if not self._connects(states):
+                break
+            if length < best:
                 best, path = length, states
                 self._on_path(states)
             if costs is None:
@@ -167,7 +182,7 @@ class OmplSearch:
                 break
             if self._request.first_solution:
                 break
-            # What was promised and is not there must not stop the planner again and again.
+            # A path that is not quite as short as was promised must not stop the planner again and again.
             best = min(best, costs().value())
         return path
 
@@ -177,10 +192,14 @@ class OmplSearch:
         if self._error is not None:
             raise self._error
         shorter = self._states_of(path)
-        if not valid or _length(shorter) >= _length(states) or not _arrives(shorter, self._request.goals):
+        if not valid or _length(shorter) >= _length(states) or not self._connects(shorter):
             return states
         self._on_path(shorter)
         return shorter
+
+    def _connects(self, path: FloatArray) -> bool:
+        """Whether a path leads from the start to one of the goals, to the bit."""
+        return bool((path[0] == self._request.start).all() and (self._request.goals == path[-1]).all(axis=1).any())
 
     def _problem(self, goals: FloatArray) -> tuple[Any, Any]:
         problem = base.ProblemDefinition(self._space)
@@ -222,20 +241,17 @@ class OmplSearch:
             return False
 
     def _is_edge_free(self, start: Any, end: Any) -> bool:
-        self._edges += 1
         try:
-            if self._should_stop():
-                return False
-            return self._checker.is_edge_free(self._configuration(start), self._configuration(end))
+            return self._is_free(self._configuration(start), self._configuration(end))
         except Exception as error:  # noqa: BLE001 -- raised again when OMPL has returned
             self._error = error
             return False
 
+    def _is_free(self, start: FloatArray, end: FloatArray) -> bool:
+        """Whether an edge is, for our checker."""
+        self._edges += 1
+        return not self._should_stop() and self._checker.is_edge_free(start, end)
+
 
 def _length(path: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-
-
-def _arrives(path: FloatArray, goals: FloatArray) -> bool:
-    """Whether a path ends at one of the goals, to the bit."""
-    return bool((goals == path[-1]).all(axis=1).any())

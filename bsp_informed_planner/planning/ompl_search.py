@@ -20,6 +20,9 @@ from bsp_informed_planner.scene.scene import Scene
 
 #: A planner whose paths cannot be verified searches again at states this much closer to each other.
 REFINEMENT = 0.25
+#: These take steps of the same length as our planners; OMPL's own choice, a fifth of the diagonal of the box, makes
+#: them slower with an arm. For its others it is no worse.
+STEPS_LIKE_OURS = ("ompl_rrt_connect", "ompl_aorrtc")
 
 
 class OmplPathSearch:
@@ -88,7 +91,7 @@ class OmplPathSearch:
                 resolution=resolution,
                 deadline=time.monotonic() + self._budget.remaining,
                 seed=int(self._rng.integers(2**32)),
-                max_step=self._options.max_step,
+                max_step=self._max_step(),
                 simplify=self._options.ompl_simplify,
                 first_solution=self._options.first_solution,
             )
@@ -98,6 +101,11 @@ class OmplPathSearch:
             # What the coarse check let through would come back.
             resolution *= REFINEMENT
         return self._best
+
+    def _max_step(self) -> float | None:
+        if self._options.max_step is None and self._options.planner_id not in STEPS_LIKE_OURS:
+            return None
+        return self._search.max_step
 
     def _is_cancelled(self) -> bool:
         try:

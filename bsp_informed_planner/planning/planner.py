@@ -12,6 +12,7 @@ import numpy as np
 
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -108,7 +109,7 @@ class Planner:
     collision checker and a generator of its own.
 
     Args:
-        robot: the robot.
+        robot: the robot, without what it holds in the scene.
         scene: what to keep clear of, in the robot's root frame.
         decomposition: of this scene; None: made when first needed.
         guide_options: how keypoints are lifted to configurations.
@@ -117,7 +118,7 @@ class Planner:
             its own, started when first needed.
 
     Raises:
-        UnknownFrameError: if the scene is not given in the root frame of the robot.
+        UnknownFrameError: if the scene is not given in the root frame of the robot, or attaches to an unknown link.
         RobotDescriptionError: if the robot has no collision geometry.
         InvalidOptionError: if the decomposition is of another scene, or of another dimension than the robot's.
         SceneError: if a shape of an obstacle has no volume.
@@ -150,14 +151,14 @@ class Planner:
                     "decomposition", of, f"dimension {robot.workspace_dimension}, frame and revision of the scene"
                 )
         ensure_compiled()
-        self.robot = robot
+        self.robot = robot_in_scene(robot, scene)
         self.scene = scene
         self._decomposition = decomposition
         self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
         self._guide_options = guide_options
         self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
-        self._checkers = {0.0: ExactChecker(robot, scene)}
+        self._checkers = {0.0: ExactChecker(self.robot, scene)}
 
     @property
     def decomposition(self) -> Decomposition:

@@ -72,7 +72,7 @@ class PlanOptions:
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generator; None: one is drawn.
         max_step: longest edge of a tree, eta; None: 3 % of the diagonal of the joint limits, or OMPL's own choice for
-            its planners [rad or m].
+            "ompl_rrt_star" and "ompl_informed_rrt_star" [rad or m]. "ompl_bit_star" has none.
         search_resolution: no point of the robot moves further than this between states checked while searching [m];
             None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only slides.
         verification_resolution: where the path that is returned cannot be proved free, since bodies are almost in

@@ -60,6 +60,16 @@ def random_shelf_problem(
     Raises:
         PlanningFailedError: if the robot reaches into none of many shelves.
     """
+    return random_shelf_problem_with_goals(robot, rng, options, variant)[0]
+
+
+def random_shelf_problem_with_goals(
+    robot: Robot,
+    rng: np.random.Generator,
+    options: ShelfOptions | None = None,
+    variant: ShelfVariant | None = None,
+) -> tuple[ScenarioProblem, FloatArray]:
+    """`random_shelf_problem`, and the free configurations (g, n) of its goal pose, g >= 1."""
     options = options or ShelfOptions()
     if variant is ShelfVariant.TIGHT:
         share = min(options.item_height_share, options.item_height_share * TIGHT_LEVEL_HEIGHT[0] / 0.3)
@@ -75,7 +85,8 @@ def random_shelf_problem(
         start_level = None if outside else int((goal_level + rng.integers(1, LEVELS)) % LEVELS)
         for _ in range(_TRIES_IN_A_SHELF):
             goal = _pose(rng, shelf, goal_level, deep)
-            if goal is None or not len(free_configurations(robot, checker, goal)):
+            branches = [] if goal is None else free_configurations(robot, checker, goal)
+            if goal is None or not branches:
                 continue
             start_pose = _pose(rng, shelf, start_level)
             starts = [] if start_pose is None else free_configurations(robot, checker, start_pose)
@@ -83,9 +94,8 @@ def random_shelf_problem(
                 continue
             start = starts[int(rng.integers(len(starts)))]
             origin = "in front of the shelf" if start_level is None else f"level {start_level + 1}"
-            return ScenarioProblem(
-                shelf.scene, start, goal_poses=(goal,), description=f"from {origin} into level {goal_level + 1}"
-            )
+            description = f"from {origin} into level {goal_level + 1}"
+            return ScenarioProblem(shelf.scene, start, (), (goal,), description), np.array(branches)
     raise PlanningFailedError(f"robot '{robot.name}' reaches into none of {_SHELVES} random shelves")
 
 

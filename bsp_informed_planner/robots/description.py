@@ -33,8 +33,8 @@ class RobotDescription:
     Attributes:
         name: of the robot.
         root_link: the link that is no joint's child.
-        urdf: the rewritten XML: continuous joints are revolute with limits of -2 pi and 2 pi, the mimic tags of locked
-            joints are gone, the file names of collision meshes are absolute paths.
+        urdf: the rewritten XML: continuous joints are revolute with limits of -2 pi and 2 pi, locked joints are renamed
+            (`held_name`) and mimic none, the file names of collision meshes are absolute paths.
         continuous_joints: names of the joints that were continuous.
         locked_joints: the joints that are held and their values [rad or m], with those that mimic them.
         joint_limits: lower and upper limit and velocity limit of every joint that moves [rad or m, and per second];
@@ -53,6 +53,11 @@ class RobotDescription:
     adjacent_links: frozenset[LinkPair]
     disabled_pairs: frozenset[LinkPair]
     end_effector_link: str | None
+
+
+def held_name(joint: str) -> str:
+    """What a locked joint is called in the rewritten URDF: other than every link, or Pinocchio could not hold it."""
+    return f"held/{joint}"
 
 
 def read_description(
@@ -106,6 +111,8 @@ def read_description(
             if kind == "continuous":
                 continuous.add(name)
             limits[name] = _limits(name, joint, source, held=name in locked)
+            if name in locked:
+                joint.set("name", held_name(name))
     for name, value in locked.items():
         lower, upper, _ = limits[name]
         if name not in continuous and not lower - 1e-9 <= value <= upper + 1e-9:

@@ -22,6 +22,8 @@ MANY_TRIANGLES = 5000
 LONG_LINK = 10.0
 # Fewer solved poses than this are worth a word.
 GOOD_IK_SHARE = 0.98
+# Pairs that collide more often than this are worth a word.
+OFTEN_SHARE = 0.2
 # What joints of grippers are called.
 _FINGER = re.compile("grip|finger|jaw|thumb|hand", re.IGNORECASE)
 
@@ -222,6 +224,16 @@ def self_collision_findings(report: SelfCollisionReport, has_srdf: bool) -> list
     elif 0.0 < report.free_share < 0.05:
         text = f"only {100 * report.free_share:.1f} % of random configurations are free of self-collision"
         findings.append(Finding(Severity.WARNING, topic, f"{text}: planning will be slow; look at the pairs below"))
+    often = [pair.links for pair in report.of_kind(PairKind.SOMETIMES) if pair.share >= OFTEN_SHARE and not pair.exempt]
+    if often:
+        findings.append(
+            Finding(
+                Severity.WARNING,
+                topic,
+                f"{listed(often)} collide in {100 * OFTEN_SHARE:.0f} % of the configurations or more, which leaves "
+                "little room: if their geometry overlaps across a small link between them, simplify it, or exempt them",
+            )
+        )
     at_zero = [pair.links for pair in report.of_kind(PairKind.SOMETIMES) if pair.at_zero and not pair.exempt]
     if at_zero:
         findings.append(

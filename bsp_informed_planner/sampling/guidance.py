@@ -77,7 +77,7 @@ class KeypointGuideOptions:
     relative_sigma: float = 0.02
     clearance_weight: float | None = None
 
-    def sigma_of(self, robot: Robot) -> float:
+    def tube_sigma(self, robot: Robot) -> float:
         """Standard deviation of the tube for a robot [rad or m]."""
         if robot.revolute.any():
             return self.sigma

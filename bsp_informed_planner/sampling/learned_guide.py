@@ -148,7 +148,7 @@ class LearnedGuide:
     def _local_samplers(self, chains: list[FloatArray]) -> Sampler:
         robot, scene = self._setting.robot, self._setting.scene
         if self._sampler is None or self._options.local_sampler == "tube":
-            return tube_sampler(chains, self._setting.options.sigma_of(robot), robot.lower, robot.upper)
+            return tube_sampler(chains, self._setting.options.tube_sigma(robot), robot.lower, robot.upper)
         pairs = [pair for chain in chains for pair in zip(chain[:-1], chain[1:], strict=True)]
         view = None if self._sampler.card.kind == "segment_cvae" else self._view(self._sampler)
         return cvae_sampler(self._sampler, scene, view, pairs, robot.lower, robot.upper)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.scene.convex_polytope import ConvexPolytope
 from bsp_informed_planner.scene.polytopes import polytopes_of_obstacle
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
@@ -64,7 +66,7 @@ class ShelfOptions:
     item_gap: float = 0.01
     cylinder_share: float = 0.25
     pedestal: float = 0.24
-    pedestal_gap: float = 0.02
+    pedestal_gap: float = 0.0
     lower: tuple[float, float, float] = (-0.75, -0.95, -0.75)
     upper: tuple[float, float, float] = (1.15, 0.95, 1.15)
 
@@ -121,6 +123,21 @@ class ShelfScene:
     scene: Scene
     pose: Pose
     levels: tuple[ShelfLevel, ...]
+
+    @cached_property
+    def item_bodies(self) -> tuple[tuple[ConvexPolytope, ...], ...]:
+        """For each level the polytopes around its items, in the frame of the scene.
+
+        Round items are circumscribed: the distance from them is a lower bound, good enough to place a tool.
+        """
+        return tuple(
+            tuple(
+                part
+                for item in level.items
+                for part in polytopes_of_obstacle(self.scene.obstacles[item], self.scene.bounds)
+            )
+            for level in self.levels
+        )
 
 
 def random_shelf(rng: np.random.Generator, options: ShelfOptions | None = None, frame: str = "base_link") -> ShelfScene:
@@ -198,10 +215,7 @@ def sample_level_pose(
         low[0] = max(low[0], 0.5 * (volume.lower[0] + volume.upper[0]))
     if (low >= high).any():
         raise InvalidOptionError("clearance", clearance, "less than half of the level's sizes")
-    # The circumscribed bodies of the items: their distance is a lower bound near corners, which is good enough here.
-    bodies = [
-        part for item in volume.items for part in polytopes_of_obstacle(shelf.scene.obstacles[item], shelf.scene.bounds)
-    ]
+    bodies = shelf.item_bodies[level]
     for _ in range(_POSE_TRIES):
         local = rng.uniform(low, high)
         position = shelf.pose.apply(local)
