@@ -132,7 +132,7 @@ class PrimitiveDatabase:
         return np.concatenate([np.zeros((0, self.waypoints.shape[1])), *rows])[: self.options.largest]
 
     def save(self, card: ModelCard, folder: Path) -> Path:
-        """Write the database beside its card, as a model; returns its file.
+        """Write the database, rounded to half precision, beside its card, as a model; returns its file.
 
         Raises:
             ModelError: if that fails.
@@ -140,11 +140,11 @@ class PrimitiveDatabase:
         path = folder / f"{card.name}.safetensors"
         primitives = self.primitives
         arrays = {
-            "centres": primitives.centres.astype(np.float32),
-            "halves": primitives.halves.astype(np.float32),
-            "rotations": primitives.rotations.astype(np.float32),
+            "centres": primitives.centres.astype(np.float16),
+            "halves": primitives.halves.astype(np.float16),
+            "rotations": primitives.rotations.astype(np.float16),
             "offsets": self.offsets.astype(np.int32),
-            "waypoints": self.waypoints.astype(np.float32),
+            "waypoints": self.waypoints.astype(np.float16),
         }
         try:
             folder.mkdir(parents=True, exist_ok=True)
