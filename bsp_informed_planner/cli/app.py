@@ -318,6 +318,55 @@ def collect(
     )
 
 
+@app.command()
+def train(
+    dataset: Annotated[Path, typer.Argument(help="Folder of a dataset, see `collect`.", exists=True, file_okay=False)],
+    out: Annotated[Path, typer.Option(help="Folder of weights, card, checkpoint and TensorBoard curves.")],
+    model: Annotated[
+        str,
+        typer.Option(help="heatmap, sequential_regression, segment_cvae, cvae, cvae_shortest_path or gmm."),
+    ] = "heatmap",
+    name: Annotated[str | None, typer.Option(help="Of the files; default: family of the problems and model.")] = None,
+    problems: Annotated[int | None, typer.Option(help="Train on at most so many problems.", min=1)] = None,
+    steps: Annotated[int | None, typer.Option(help="Steps of the optimiser; default: by model.", min=1)] = None,
+    batch_size: Annotated[int | None, typer.Option(help="Examples a step, on all devices.", min=1)] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="The largest; it falls as a cosine.")] = None,
+    validate_every: Annotated[int | None, typer.Option(help="Steps between validations and checkpoints.")] = None,
+    patience: Annotated[
+        int | None, typer.Option(help="End after so many validations without a better one; 0: never.", min=0)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of weights, order and augmentation.", min=0)] = 0,
+    device: Annotated[str, typer.Option(help="cpu or cuda; for several processes start with torchrun.")] = "cpu",
+    threads: Annotated[int, typer.Option(help="Of torch, in each process.", min=1)] = 1,
+) -> None:
+    """Train a model on a dataset (the paper's Algorithm 1).
+
+    After Ctrl-C or a kill the same command goes on from the last checkpoint, to the same end. On several devices:
+    torchrun --nproc-per-node N -m bsp_informed_planner.cli.app train ...
+    """
+    from bsp_informed_planner.cli.train import TrainArguments, run_train
+
+    raise typer.Exit(
+        run_train(
+            TrainArguments(
+                dataset,
+                model,
+                out,
+                name,
+                problems,
+                steps,
+                batch_size,
+                learning_rate,
+                validate_every,
+                patience,
+                seed,
+                device,
+                threads,
+            )
+        )
+    )
+
+
 def main() -> None:
     """Entry point of `bsp-planner`. An expected error is a sentence, not a traceback."""
     from bsp_informed_planner.errors import BspPlannerError

@@ -38,6 +38,25 @@ def decomposition(
 
 
 @app.command()
+def networks(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    models: Annotated[
+        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+    ] = None,
+) -> None:
+    """Networks: keypoint chains and samples in unseen mazes, beside exact ones and those of other methods."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
+
+    benchmark = networks_benchmark(quick, None if models is None else str(models))
+    # Rows of other models are no rows of these.
+    folder = f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}")
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / folder, 1))
+
+
+@app.command()
 def nodes(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
     """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
     from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments

@@ -13,6 +13,7 @@ from bsp_informed_planner.decomposition.graph import KeypointChain, shortest_cha
 from bsp_informed_planner.errors import KeypointsUnavailableError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance, KeypointGuideOptions
+from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.layers import keypoint_layer, paths_through_layers, tool_orientations
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -193,3 +194,8 @@ class ExactKeypointGuide:
         return keypoint_layer(
             self._robot, checker, chain.points[position], orientations, guess, self._options.layer_size
         )
+
+
+def exact_guide(setting: GuideSetting) -> ExactKeypointGuide:
+    """The guide of the sampler id "keypoint_tube", see `sampling.guide`."""
+    return ExactKeypointGuide(setting.robot, setting.decomposition(), setting.options)
