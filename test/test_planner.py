@@ -76,7 +76,6 @@ def test_mazes_are_solved(seed: int) -> None:
     planner, problem = maze_problem(seed)
     result = planner.plan(problem, FIRST)
     assert_verified(planner, result)
-    assert result.guidance.sampler_id == "keypoint_tube"
     assert np.array_equal(result.path[0], problem.start)
 
 
@@ -89,7 +88,9 @@ def test_every_planner_and_sampler(planner_id: str, sampler_id: str) -> None:
     )
     result = planner.plan(problem, options)
     assert_verified(planner, result)
-    assert (result.planner_id, result.guidance.sampler_id) == (planner_id, sampler_id)
+    assert result.planner_id == planner_id
+    if result.guidance.sampler_id != sampler_id:
+        assert "before keypoints were needed" in result.guidance.fallback_reason
 
 
 @pytest.mark.parametrize("seed", [2, 5, 6])

@@ -12,6 +12,8 @@ import numpy as np
 
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.temporary import new_checks
+from bsp_informed_planner.collision.verdict_kernels import Checks
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -27,7 +29,6 @@ from bsp_informed_planner.errors import (
     UnknownSamplerError,
 )
 from bsp_informed_planner.planning.budget import Budget
-from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import (
     PLANNER_IDS,
     SAMPLER_IDS,
@@ -38,7 +39,9 @@ from bsp_informed_planner.planning.problem import (
     PlanStatistics,
     Trajectory,
     default_blend_deviation,
+    default_search_resolution,
 )
+from bsp_informed_planner.planning.rrt_star import require_room
 from bsp_informed_planner.planning.search import Progress, Search
 from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.planning.validation import free_state, goal_configurations
@@ -67,8 +70,7 @@ class PreparedPlan:
         goals: (k, n) free, the nearest first.
         options: of the plan.
         seed: of its generator.
-        checker: the judge, of its own.
-        search_checker: keeps a little more distance where start and goals do, so that paths can be certified.
+        judges: the last check, with bounds, one for each thread.
         budget, search: what it spends, and how.
     """
 
@@ -76,8 +78,7 @@ class PreparedPlan:
     goals: FloatArray
     options: PlanOptions
     seed: int
-    checker: ExactChecker
-    search_checker: ExactChecker
+    judges: tuple[CertifyingChecker, ...]
     budget: Budget
     search: Search
 
@@ -173,6 +174,21 @@ class Planner:
                 self._checkers = {padding: self._checkers[padding]}
             return self._checkers[padding].clone()
 
+    def _bounds(self, padding: float) -> Checks:
+        """Conservative checks of its own for the caller."""
+        return new_checks(self.robot, self.scene, padding)
+
+    def judge(self, padding: float = 0.0, finest: float | None = None) -> CertifyingChecker:
+        """The last check of edges, with bounds, of its own for the caller.
+
+        Args:
+            padding: distance to keep from obstacles [m].
+            finest: see `EdgeCertifier` [m]; None: the default of `PlanOptions.verification_resolution`.
+        """
+        checker = self.checker(padding)
+        finest = default_search_resolution(self.robot) / 96.0 if finest is None else finest
+        return CertifyingChecker(checker, finest, self._bounds(padding))
+
     def plan(
         self,
         problem: PlanningProblem,
@@ -199,7 +215,7 @@ class Planner:
             PlanningCancelledError: the caller has cancelled.
         """
         plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
-        return self.solve(plan, self.guide(plan) if guidance is None else guidance)
+        return self.solve(plan, (lambda: self.guide(plan)) if guidance is None else guidance)
 
     def prepare(
         self,
@@ -213,6 +229,7 @@ class Planner:
 
         Raises:
             UnknownPlannerError, UnknownSamplerError, ProblemError, PlanningCancelledError: see `plan`.
+            InvalidOptionError: for more samples than memory allows, or cost weights of other joints than the robot's.
         """
         options = options or PlanOptions()
         if options.planner_id not in PLANNER_IDS:
@@ -222,17 +239,16 @@ class Planner:
         seed = secrets.randbits(32) if options.seed is None else options.seed
         reserve = min(RESERVE_SHARE * options.allowed_seconds, RESERVE_SECONDS)
         budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled)
-        search = Search(self.robot, options, budget, np.random.default_rng(seed), on_progress)
+        if options.cost_weights is not None and len(options.cost_weights) != self.robot.dof:
+            raise InvalidOptionError("cost_weights", options.cost_weights, f"{self.robot.dof} numbers, one a joint")
+        if options.max_samples is not None:
+            require_room("max_samples", options.max_samples, self.robot.dof)
+        search = Search(self.robot, options, budget, seed, on_progress)
         search.report("validating")
-        checker = self.checker(options.padding)
-        start = free_state(self.robot, checker, "start", problem.start)
-        goals = goal_configurations(self.robot, checker, problem, start, options.max_goals)
-        # What keeps a finest interval's distance can be proved free, and that is next to nothing to give up.
-        roomy = self.checker(options.padding + search.verification_resolution)
-        with_room = [goal for goal in goals if roomy.is_free(goal)]
-        if with_room and roomy.is_free(start):
-            return PreparedPlan(start, np.array(with_room), options, seed, checker, roomy, budget, search)
-        return PreparedPlan(start, goals, options, seed, checker, checker, budget, search)
+        judges = tuple(self.judge(options.padding, search.verification_resolution) for _ in range(options.threads))
+        start = free_state(self.robot, judges[0], "start", problem.start)
+        goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals)
+        return PreparedPlan(start, goals, options, seed, judges, budget, search)
 
     def guide(self, plan: PreparedPlan) -> Guidance:
         """Guidance as the plan's options ask for, or uniform with the reason why not."""
@@ -243,42 +259,48 @@ class Planner:
             guide = ExactKeypointGuide(self.robot, self.decomposition, self._guide_options)
             # Half of the time at most: without a chain, the other half is still there to search uniformly.
             half = plan.budget.part(0.5 * plan.budget.remaining)
-            return guide.guide(plan.start, plan.goals, plan.search_checker, half.is_out_of_time)
+            return guide.guide(plan.start, plan.goals, plan.judges[0], half.is_out_of_time)
         except KeypointsUnavailableError as error:
             logger.info("no keypoints: %s; sampling uniformly", error.reason)
             return Guidance("uniform", fallback_reason=f"no keypoints: {error.reason}")
 
-    def solve(self, plan: PreparedPlan, guidance: Guidance) -> PlanResult:
+    def solve(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         """The last part of `plan`: search, verification, timing. A prepared plan is solved once.
+
+        Args:
+            plan: from `prepare`.
+            guidance: or what makes it, once it is needed: most first paths are found sooner than guidance.
 
         Raises:
             PlanningTimeoutError, SamplesExhaustedError, PlanningCancelledError: see `plan`.
         """
         options, budget, search = plan.options, plan.budget, plan.search
-        guidance = _fitting(guidance, plan)
-        last = CertifyingChecker(plan.search_checker, search.verification_resolution)
-        path = search.run(plan.search_checker, last, plan.start, plan.goals, guidance)
+
+        def fitting() -> Guidance:
+            return _fitting(guidance if isinstance(guidance, Guidance) else guidance(), plan)
+
+        path = search.run(list(plan.judges), plan.start, plan.goals, fitting)
         if path is None:
-            if not budget.samples_left:
+            if budget.samples_left <= 0:
                 raise SamplesExhaustedError(budget.samples)
             raise PlanningTimeoutError(options.allowed_seconds, budget.samples)
         if not np.array_equal(path[0], plan.start) or not (path[-1] == plan.goals).all(axis=1).any():
             raise PlanningFailedError("the search returned a path between other states than start and goal")
         search.report("timing")
-        judge = CertifyingChecker(plan.checker, search.verification_resolution)
-        trajectory, verdict = self._timed(path, judge, plan)
+        trajectory, verdict = self._timed(path, plan.judges[0], plan)
         search.report("done")
+        used = search.guidance or self._unused(options)
         return PlanResult(
             path=path,
             trajectory=trajectory,
-            cost=path_length(path),
+            cost=search.incumbent.cost,
             certified=verdict is Verdict.CERTIFIED,
-            cost_history=CostHistory(tuple(search.cost_seconds), tuple(search.costs)),
+            cost_history=CostHistory(tuple(search.incumbent.seconds), tuple(search.incumbent.costs)),
             planner_id=options.planner_id,
-            guidance=guidance,
+            guidance=used,
             verification_resolution=search.verification_resolution,
             scene_revision=self.scene.revision,
-            statistics=self._statistics(plan.seed, search, guidance, last.checks + judge.checks),
+            statistics=self._statistics(plan, used),
         )
 
     def _timed(self, path: FloatArray, judge: CertifyingChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
@@ -313,10 +335,18 @@ class Planner:
             raise PlanningFailedError("the path found touches an obstacle in states between those checked before")
         return fallback
 
-    def _statistics(self, seed: int, search: Search, guidance: Guidance, checks: int) -> PlanStatistics:
+    @staticmethod
+    def _unused(options: PlanOptions) -> Guidance:
+        """What is said of a search that was over before guidance was asked for."""
+        if options.sampler_id == "uniform" or options.uniform_fraction == 1.0:
+            return Guidance("uniform")
+        return Guidance("uniform", fallback_reason="a path was found before keypoints were needed")
+
+    def _statistics(self, plan: PreparedPlan, guidance: Guidance) -> PlanStatistics:
+        search = plan.search
         decomposition = self._decomposition
         return PlanStatistics(
-            seed=seed,
+            seed=plan.seed,
             total_seconds=search.budget.elapsed,
             decomposition_seconds=0.0 if decomposition is None else decomposition.timings.total_seconds,
             inference_seconds=guidance.seconds,
@@ -326,7 +356,7 @@ class Planner:
             valid_samples=search.budget.valid_samples,
             nodes=search.nodes,
             edges_checked=search.budget.edges_checked,
-            exact_checks=checks,
+            exact_checks=sum(judge.checks for judge in plan.judges),
             cells=0 if decomposition is None else decomposition.cell_count,
             portals=0 if decomposition is None else decomposition.portal_count,
             candidates=0 if decomposition is None else decomposition.candidate_count,

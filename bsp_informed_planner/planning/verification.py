@@ -1,4 +1,4 @@
-"""The last word on a path: exact, and continuous where the proof succeeds."""
+"""The last word on edges and paths: the conservative bounds where they decide, else the exact check with its proof."""
 
 from __future__ import annotations
 
@@ -7,83 +7,114 @@ import logging
 import numpy as np
 
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
-from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, Checks
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.path_kernels import edge_verdicts, state_verdicts
+from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.sample_stream import SampleStream
-from bsp_informed_planner.sampling.sampler import UniformSampler
+from bsp_informed_planner.planning.sample_source import SampleSource
+from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.scene.pose import FloatArray
 
 logger = logging.getLogger(__name__)
 
-
-class FineChecker:
-    """A collision checker whose edges are checked at another resolution.
-
-    Args:
-        checker: does the work.
-        resolution: for its edges [m].
-    """
-
-    def __init__(self, checker: CollisionChecker, resolution: float) -> None:
-        self._checker = checker
-        self.resolution = resolution
-
-    @property
-    def checks(self) -> int:
-        return self._checker.checks
-
-    def is_free(self, configuration: FloatArray) -> bool:
-        return self._checker.is_free(configuration)
-
-    def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
-        return self._checker.is_edge_free(start, end, self.resolution if resolution is None else resolution)
-
-    def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
-        return self._checker.colliding_bodies(configuration)
-
-    def clone(self) -> FineChecker:
-        return FineChecker(self._checker.clone(), self.resolution)
+#: Edges judged between looks at clock and caller.
+_CHUNK = 256
+#: Exact verdicts on edges that are remembered.
+_MOST_REMEMBERED = 100_000
 
 
 class CertifyingChecker:
-    """A collision checker whose edges are proved free wherever that is possible.
+    """Verdicts on edges that count: proved free wherever that is possible.
+
+    The bounds come first, which are right or silent, and take microseconds; then the exact check, which is asked about
+    an edge once. Not thread-safe.
 
     Args:
         checker: the exact check.
         finest: see `EdgeCertifier` [m].
+        bounds: conservative checks of the same robot, scene and padding; None: the exact check decides on everything.
     """
 
-    def __init__(self, checker: ExactChecker, finest: float) -> None:
+    def __init__(self, checker: ExactChecker, finest: float, bounds: Checks | None = None) -> None:
         self._checker = checker
         self._certifier = EdgeCertifier(checker, finest)
+        self._known: dict[bytes, Verdict] = {}
+        self.bounds = bounds
 
     @property
     def checks(self) -> int:
+        """Configurations given to the exact check so far."""
         return self._checker.checks + self._certifier.checks
 
     def is_free(self, configuration: FloatArray) -> bool:
-        return self._checker.is_free(configuration)
+        """Whether a configuration (n,) is free."""
+        return bool(self.are_free(np.asarray(configuration, dtype=np.float64)[None])[0])
 
-    def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
-        """Whether no collision was found on an edge; its resolution is the certifier's."""
-        return self._certifier.certify(start, end) is not Verdict.COLLIDING
+    def are_free(self, configurations: FloatArray) -> np.ndarray:
+        """(m,) which of the configurations (m, n) are free."""
+        if self.bounds is None:
+            return np.array([self._checker.is_free(state) for state in configurations], dtype=np.bool_)
+        verdicts = state_verdicts(np.ascontiguousarray(configurations, dtype=np.float64), self.bounds)
+        free = verdicts == FREE
+        for index in np.flatnonzero((verdicts != FREE) & (verdicts != COLLIDING)):
+            free[index] = self._checker.is_free(configurations[index])
+        return np.asarray(free)
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
+        """The names of two bodies that touch in a configuration (n,); None if it is free."""
+        if (
+            self.bounds is not None
+            and state_verdicts(np.array(configuration, dtype=np.float64)[None], self.bounds)[0] == FREE
+        ):
+            return None
         return self._checker.colliding_bodies(configuration)
 
     def clone(self) -> CertifyingChecker:
+        """One of the same robot and scene for another thread, without bounds: those are a thread's own."""
         return CertifyingChecker(self._checker.clone(), self._certifier.finest)
+
+    def judge(self, start: FloatArray, end: FloatArray) -> Verdict:
+        """The exact check's verdict on an edge, both ends (n,)."""
+        key = np.concatenate((start, end)).tobytes()
+        verdict = self._known.get(key)
+        if verdict is None:
+            if len(self._known) >= _MOST_REMEMBERED:
+                self._known.clear()
+            verdict = self._known[key] = self._certifier.certify(start, end)
+        return verdict
+
+    def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
+        """Whether no collision was found on an edge; its resolution is the certifier's."""
+        return max(self.edge_verdicts(np.array((start, end), dtype=np.float64))) is not Verdict.COLLIDING
+
+    def edge_verdicts(self, path: FloatArray) -> list[Verdict]:
+        """The verdict on each edge of a path (m, n), up to the first that collides."""
+        path = np.ascontiguousarray(path, dtype=np.float64)
+        verdicts: list[Verdict] = []
+        for first in range(0, len(path) - 1, _CHUNK):
+            part = path[first : first + _CHUNK + 1]
+            if self.bounds is None:
+                codes = np.full(len(part) - 1, -1)
+            else:
+                codes = edge_verdicts(part[:-1], part[1:], self.bounds)
+            for index, code in enumerate(codes.tolist()):
+                if code == FREE:
+                    verdicts.append(Verdict.CERTIFIED)
+                elif code == COLLIDING:
+                    verdicts.append(Verdict.COLLIDING)
+                else:
+                    verdicts.append(self.judge(part[index], part[index + 1]))
+                if verdicts[-1] is Verdict.COLLIDING:
+                    return verdicts
+        return verdicts
 
     def verdict(self, path: FloatArray) -> Verdict:
         """The worst verdict on the edges of a path (m, n)."""
-        worst = Verdict.CERTIFIED if self._checker.is_free(path[0]) else Verdict.COLLIDING
-        for start, end in zip(path[:-1], path[1:], strict=True):
-            if worst is Verdict.COLLIDING:
-                break
-            worst = max(worst, self._certifier.certify(start, end))
-        return worst
+        if len(path) < 2:
+            return Verdict.CERTIFIED if self.is_free(path[0]) else Verdict.COLLIDING
+        return max(self.edge_verdicts(path))
 
 
 def verified(
@@ -97,9 +128,11 @@ def verified(
 ) -> FloatArray | None:
     """A path all of whose edges pass the last check; those that do not are replanned around.
 
+    The core's own paths consist of such edges. This is for paths from elsewhere.
+
     Args:
-        path: (m, n), free at the search's resolution.
-        checker: the last check.
+        path: (m, n).
+        checker: the last check, with bounds.
         rng: generator.
         budget: ends the repair when its time is over.
         lower, upper: (n,) joint limits.
@@ -109,14 +142,18 @@ def verified(
         (k, n) verified, or None if a repair did not succeed in time. The ends are those of `path`.
     """
     pieces = [path[:1]]
-    for start, end in zip(path[:-1], path[1:], strict=True):
-        if checker.is_edge_free(start, end):
-            pieces.append(end[None])
-            continue
-        detour = _repair(start, end, checker, rng, budget, lower, upper, max_step)
+    rest = path
+    while len(rest) > 1:
+        passed = [verdict is not Verdict.COLLIDING for verdict in checker.edge_verdicts(rest)]
+        good = len(passed) if all(passed) else len(passed) - 1
+        pieces.append(rest[1 : good + 1])
+        if good == len(passed):
+            break
+        detour = _repair(rest[good], rest[good + 1], checker, rng, budget, lower, upper, max_step)
         if detour is None:
             return None
         pieces.append(detour[1:])
+        rest = rest[good + 1 :]
     return np.concatenate(pieces)
 
 
@@ -131,17 +168,19 @@ def _repair(
     max_step: float,
 ) -> FloatArray | None:
     """A short way around a collision on the edge from start to end, or None."""
-    if not (checker.is_free(start) and checker.is_free(end)):
+    if checker.bounds is None or not checker.are_free(np.array((start, end))).all():
         return None
     logger.debug("an edge failed verification; replanning around it")
     reach = max(0.5 * float(np.abs(end - start).max()), 0.25 * max_step)
-    box = UniformSampler(
-        np.maximum(np.minimum(start, end) - reach, lower), np.minimum(np.maximum(start, end) + reach, upper)
-    )
+    box = np.maximum(np.minimum(start, end) - reach, lower), np.minimum(np.maximum(start, end) + reach, upper)
     # The repair has its own bound on samples: a shared one may be used up already.
     own = budget.part(min(0.5 * budget.remaining, 1.0), max_samples=500)
-    search = RrtConnect(checker, start, end[None], 0.25 * max_step, own)
-    detour = search.solve(SampleStream(box, rng, own))
+    search = RrtConnect(checker.bounds, new_space(start, end, *box, rng), 0.25 * max_step)
+
+    def judge(a: FloatArray, b: FloatArray) -> bool:
+        return checker.judge(a, b) is not Verdict.COLLIDING
+
+    detour = search.solve(SampleSource(len(start), rng), own, ask=ASK_ALL, judge=judge)
     # Samples of a repair do not count against those of the search.
-    budget.edges_checked += own.edges_checked
+    budget.charge(0, 0, own.edges_checked)
     return detour

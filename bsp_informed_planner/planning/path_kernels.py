@@ -1,0 +1,136 @@
+"""Paths over verdicts: shortening them, and judging edges and states in bulk."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bsp_informed_planner.collision.verdict_kernels import FREE, Checks, edge_verdict, state_verdict
+from bsp_informed_planner.compiled import kernel
+from bsp_informed_planner.decomposition.array_types import Floats, Indices
+from bsp_informed_planner.planning.neighbour_kernels import distance
+from bsp_informed_planner.planning.random_kernels import RandomState, uniform
+
+Verdicts = NDArray[np.uint8]
+
+# A shortcut is tried when it may gain at least this share of the path.
+_LEAST_GAIN = 1e-4
+
+
+@kernel
+def state_verdicts(states: Floats, checks: Checks) -> Verdicts:
+    """(m,) the verdict on each of the states (m, n)."""
+    verdicts = np.empty(states.shape[0], np.uint8)
+    for k in range(states.shape[0]):
+        verdicts[k] = state_verdict(states[k], checks)
+    return verdicts
+
+
+@kernel
+def edge_verdicts(starts: Floats, ends: Floats, checks: Checks) -> Verdicts:
+    """(m,) the verdict on each of the edges from starts (m, n) to ends (m, n)."""
+    verdicts = np.empty(starts.shape[0], np.uint8)
+    for k in range(starts.shape[0]):
+        verdicts[k] = edge_verdict(starts[k], ends[k], checks)
+    return verdicts
+
+
+@kernel
+def _point_at(path: Floats, lengths: Floats, segment: int, along: float, point: Floats) -> None:
+    width = lengths[segment + 1] - lengths[segment]
+    fraction = (along - lengths[segment]) / width if width > 0.0 else 0.0
+    for i in range(point.shape[0]):
+        point[i] = path[segment, i] + fraction * (path[segment + 1, i] - path[segment, i])
+
+
+@kernel
+def _measure(path: Floats, count: int, lengths: Floats, weights: Floats) -> None:
+    lengths[0] = 0.0
+    for k in range(1, count):
+        lengths[k] = lengths[k - 1] + distance(path[k - 1], path[k], weights)
+
+
+@kernel
+def _segment_of(lengths: Floats, count: int, along: float) -> int:
+    segment = 0
+    while segment < count - 2 and lengths[segment + 1] <= along:
+        segment += 1
+    return segment
+
+
+@kernel
+def shorten(
+    path: Floats, checks: Checks, weights: Floats, random: RandomState, attempts: int, edges: Indices
+) -> Floats:
+    """Replace parts of a path by straight edges between random points on it (Geraerts and Overmars, 2007).
+
+    Args:
+        path: (m, n), m >= 2.
+        checks: tell which edges are free.
+        weights: (n,) of the joints in lengths.
+        random: state of the generator.
+        attempts: how many pairs of points to try.
+        edges: (1,) counts the edges checked.
+
+    Returns:
+        (k, n) a path between the same ends, not longer; what is new of it is free. Waypoints whose neighbours see each
+        other are left out.
+    """
+    n = path.shape[1]
+    capacity = path.shape[0] + attempts + 2
+    current, lengths = np.empty((capacity, n)), np.empty(capacity)
+    count = path.shape[0]
+    current[:count] = path
+    count = _drop_needless(current, count, checks, weights, edges)
+    _measure(current, count, lengths, weights)
+    first, second = np.empty(n), np.empty(n)
+    for _ in range(attempts):
+        if count < 3:
+            break
+        total = lengths[count - 1]
+        low, high = total * uniform(random), total * uniform(random)
+        if low > high:
+            low, high = high, low
+        i, j = _segment_of(lengths, count, low), _segment_of(lengths, count, high)
+        if i == j:
+            continue
+        _point_at(current, lengths, i, low, first)
+        _point_at(current, lengths, j, high, second)
+        if high - low - distance(first, second, weights) <= _LEAST_GAIN * total:
+            continue
+        edges[0] += 1
+        if edge_verdict(first, second, checks) != FREE:
+            continue
+        # Waypoints i + 1 to j make room for the two points; room for one more at most is needed.
+        shift = 2 - (j - i)
+        if shift > 0:
+            for k in range(count - 1, j, -1):
+                current[k + shift] = current[k]
+        elif shift < 0:
+            for k in range(j + 1, count):
+                current[k + shift] = current[k]
+        current[i + 1] = first
+        current[i + 2] = second
+        count += shift
+        _measure(current, count, lengths, weights)
+    count = _drop_needless(current, count, checks, weights, edges)
+    return current[:count].copy()
+
+
+@kernel
+def _drop_needless(path: Floats, count: int, checks: Checks, weights: Floats, edges: Indices) -> int:
+    """Drops waypoints whose neighbours see each other, in place; how many are left."""
+    kept, k = 1, 1
+    while k < count - 1:
+        needless = distance(path[kept - 1], path[k], weights) == 0.0
+        if not needless:
+            edges[0] += 1
+            needless = edge_verdict(path[kept - 1], path[k + 1], checks) == FREE
+        if not needless:
+            path[kept] = path[k]
+            kept += 1
+        k += 1
+    if count > 1:
+        path[kept] = path[count - 1]
+        kept += 1
+    return kept
