@@ -3,33 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.verdict_kernels import FREE, Checks, edge_verdict, state_verdict
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.verdict_kernels import FREE, edge_verdict
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
 from bsp_informed_planner.planning.neighbour_kernels import distance
 from bsp_informed_planner.planning.random_kernels import RandomState, uniform
-
-Verdicts = NDArray[np.uint8]
 
 # A shortcut is tried when it may gain at least this share of the path.
 _LEAST_GAIN = 1e-4
 
 
 @kernel
-def state_verdicts(states: Floats, checks: Checks) -> Verdicts:
-    """(m,) the verdict on each of the states (m, n)."""
-    verdicts = np.empty(states.shape[0], np.uint8)
-    for k in range(states.shape[0]):
-        verdicts[k] = state_verdict(states[k], checks)
-    return verdicts
-
-
-@kernel
-def edge_verdicts(starts: Floats, ends: Floats, checks: Checks) -> Verdicts:
+def edge_verdicts(starts: Floats, ends: Floats, checks: Checks) -> Indices:
     """(m,) the verdict on each of the edges from starts (m, n) to ends (m, n)."""
-    verdicts = np.empty(starts.shape[0], np.uint8)
+    verdicts = np.empty(starts.shape[0], np.int64)
     for k in range(starts.shape[0]):
         verdicts[k] = edge_verdict(starts[k], ends[k], checks)
     return verdicts
@@ -80,7 +69,7 @@ def shorten(
     capacity = path.shape[0] + attempts + 2
     current, lengths = np.empty((capacity, n)), np.empty(capacity)
     count = path.shape[0]
-    current[:count] = path
+    _copy(path, current)
     count = _drop_needless(current, count, checks, weights, edges)
     _measure(current, count, lengths, weights)
     first, second = np.empty(n), np.empty(n)
@@ -105,16 +94,28 @@ def shorten(
         shift = 2 - (j - i)
         if shift > 0:
             for k in range(count - 1, j, -1):
-                current[k + shift] = current[k]
+                for c in range(n):
+                    current[k + shift, c] = current[k, c]
         elif shift < 0:
             for k in range(j + 1, count):
-                current[k + shift] = current[k]
-        current[i + 1] = first
-        current[i + 2] = second
+                for c in range(n):
+                    current[k + shift, c] = current[k, c]
+        for c in range(n):
+            current[i + 1, c], current[i + 2, c] = first[c], second[c]
         count += shift
         _measure(current, count, lengths, weights)
     count = _drop_needless(current, count, checks, weights, edges)
-    return current[:count].copy()
+    result = np.empty((count, n))
+    _copy(current, result)
+    return result
+
+
+@kernel
+def _copy(source: Floats, target: Floats) -> None:
+    """The rows that both have."""
+    for k in range(min(source.shape[0], target.shape[0])):
+        for c in range(source.shape[1]):
+            target[k, c] = source[k, c]
 
 
 @kernel
@@ -127,10 +128,12 @@ def _drop_needless(path: Floats, count: int, checks: Checks, weights: Floats, ed
             edges[0] += 1
             needless = edge_verdict(path[kept - 1], path[k + 1], checks) == FREE
         if not needless:
-            path[kept] = path[k]
+            for c in range(path.shape[1]):
+                path[kept, c] = path[k, c]
             kept += 1
         k += 1
     if count > 1:
-        path[kept] = path[count - 1]
+        for c in range(path.shape[1]):
+            path[kept, c] = path[count - 1, c]
         kept += 1
     return kept

@@ -12,8 +12,8 @@ import numpy as np
 
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.temporary import new_checks
-from bsp_informed_planner.collision.verdict_kernels import Checks
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.temporary import bounds_of
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -152,6 +152,8 @@ class Planner:
         self._guide_options = guide_options
         self._lock = threading.Lock()
         self._checkers = {0.0: ExactChecker(robot, scene)}
+        self._collision_bounds = bounds_of(robot)
+        self._checks = {0.0: self._collision_bounds.checks(scene)}
 
     @property
     def decomposition(self) -> Decomposition:
@@ -176,7 +178,12 @@ class Planner:
 
     def _bounds(self, padding: float) -> Checks:
         """Conservative checks of its own for the caller."""
-        return new_checks(self.robot, self.scene, padding)
+        with self._lock:
+            if padding not in self._checks:
+                self._checks[padding] = self._collision_bounds.checks(self.scene, padding)
+            if len(self._checks) > MAX_CHECKERS:
+                self._checks = {padding: self._checks[padding]}
+            return self._collision_bounds.for_thread(self._checks[padding])
 
     def judge(self, padding: float = 0.0, finest: float | None = None) -> CertifyingChecker:
         """The last check of edges, with bounds, of its own for the caller.

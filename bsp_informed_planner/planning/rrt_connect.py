@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bsp_informed_planner.collision.verdict_kernels import Checks
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.decomposition.array_types import Flags, Floats
 from bsp_informed_planner.planning.budget import Budget, Chunks, never
 from bsp_informed_planner.planning.connect_kernels import (

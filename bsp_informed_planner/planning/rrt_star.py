@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.collision.verdict_kernels import Checks
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.decomposition.array_types import Flags, Floats
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.planning.budget import Budget, Chunks

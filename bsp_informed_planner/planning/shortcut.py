@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.collision.verdict_kernels import Checks
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.decomposition.array_types import Floats
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.path import without_repeats

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bsp_informed_planner.collision.verdict_kernels import FREE, UNDECIDED, Checks, edge_verdict, state_verdict
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.verdict_kernels import FREE, UNDECIDED, edge_verdict, state_verdict
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.planning.neighbour_kernels import distance, nearest_rows

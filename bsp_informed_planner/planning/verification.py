@@ -8,9 +8,10 @@ import numpy as np
 
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, Checks
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, state_verdicts
 from bsp_informed_planner.planning.budget import Budget
-from bsp_informed_planner.planning.path_kernels import edge_verdicts, state_verdicts
+from bsp_informed_planner.planning.path_kernels import edge_verdicts
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.sample_source import SampleSource
@@ -23,6 +24,13 @@ logger = logging.getLogger(__name__)
 _CHUNK = 256
 #: Exact verdicts on edges that are remembered.
 _MOST_REMEMBERED = 100_000
+
+
+def state_codes(configurations: FloatArray, bounds: Checks) -> np.ndarray:
+    """(m,) what the bounds say of configurations (m, n): FREE, COLLIDING or UNDECIDED."""
+    codes = np.empty(len(configurations), dtype=np.int64)
+    state_verdicts(np.ascontiguousarray(configurations, dtype=np.float64), bounds, codes)
+    return codes
 
 
 class CertifyingChecker:
@@ -56,7 +64,7 @@ class CertifyingChecker:
         """(m,) which of the configurations (m, n) are free."""
         if self.bounds is None:
             return np.array([self._checker.is_free(state) for state in configurations], dtype=np.bool_)
-        verdicts = state_verdicts(np.ascontiguousarray(configurations, dtype=np.float64), self.bounds)
+        verdicts = state_codes(configurations, self.bounds)
         free = verdicts == FREE
         for index in np.flatnonzero((verdicts != FREE) & (verdicts != COLLIDING)):
             free[index] = self._checker.is_free(configurations[index])

@@ -8,17 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from bsp_informed_planner.collision.certifier import Verdict
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, Checks
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
-from bsp_informed_planner.planning.path_kernels import edge_verdicts, state_verdicts
+from bsp_informed_planner.planning.path_kernels import edge_verdicts
 from bsp_informed_planner.planning.question_kernels import ASK_ALL, ASK_UNSURE
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.rrt_star import RrtStar
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
-from bsp_informed_planner.planning.verification import CertifyingChecker
+from bsp_informed_planner.planning.verification import CertifyingChecker, state_codes
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.sampler import ClippedSampler, Sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -88,7 +89,7 @@ class Worker:
         self._rng = rng
         self._incumbent = incumbent
         self.space = new_space(problem.start, problem.goals, *problem.box, rng, incumbent.weights, incumbent.bound)
-        self._unsure = state_verdicts(self.space.ends, self._checks) != FREE
+        self._unsure = state_codes(self.space.ends, self._checks) != FREE
         self._uniform = SampleSource(len(problem.start), rng)
         self._mixture = self._uniform
         self._effort = LEAST_PATIENCE
