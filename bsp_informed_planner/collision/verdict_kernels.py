@@ -22,6 +22,8 @@ FREE, COLLIDING, UNDECIDED = 0, 1, 2
 
 #: Intervals of an edge that are looked at together.
 INTERVALS = LANES - 1
+# Typed: numba compiles a function once more for each literal argument.
+_YES, _NO = np.bool_(True), np.bool_(False)
 # No more sets of intervals of an edge are looked at; what is left is undecided.
 MOST_SETS = 48
 # An edge begins with sets of intervals in which no point moves further than this, if need be several [m].
@@ -65,7 +67,7 @@ def hits_outer(checks: Checks, swept: bool, stop: bool) -> bool:
         scratch.outer,
         scratch.outer_ages,
         swept,
-        False,
+        _NO,
         stop,
     )
 
@@ -83,8 +85,8 @@ def hits_inner(checks: Checks, stop: bool) -> bool:
         scratch,
         scratch.inner,
         scratch.inner_ages,
-        False,
-        True,
+        _NO,
+        _YES,
         stop,
     )
 
@@ -98,10 +100,10 @@ def state_verdict(configuration: Floats, checks: Checks) -> int:
     place_robot(configuration, configuration, 0.0, 0.0, checks)
     scratch.open[:] = 1
     scratch.slack[:] = np.float32(0.0)
-    if not hits_outer(checks, False, True):
+    if not hits_outer(checks, _NO, _YES):
         return FREE
     scratch.open[:] = 1
-    if hits_inner(checks, True):
+    if hits_inner(checks, _YES):
         return COLLIDING
     return UNDECIDED
 
@@ -129,14 +131,14 @@ def state_verdicts(configurations: Floats, checks: Checks, verdicts: Indices) ->
         place_joints(chain, scratch.values, scratch.frames, scratch.turning)
         scratch.slack[:] = np.float32(0.0)
         asked = scratch.open.copy()
-        hit = hits_outer(checks, False, False)
+        hit = hits_outer(checks, _NO, _NO)
         for k in range(lanes):
             if asked[k] == 1 and scratch.open[k] == 1:
                 verdicts[begin + k] = FREE
             scratch.open[k] = asked[k] & (1 - scratch.open[k])
         if hit:
             asked[:] = scratch.open
-            hits_inner(checks, False)
+            hits_inner(checks, _NO)
             for k in range(lanes):
                 if asked[k] == 1 and scratch.open[k] == 0:
                     verdicts[begin + k] = COLLIDING
@@ -200,22 +202,22 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tu
         if undecided and left.shape[0] == 0:
             # The edge is not free for certain, but it may still be in collision for certain.
             scratch.open[:] = 1
-            if hits_inner(checks, True):
+            if hits_inner(checks, _YES):
                 return COLLIDING, 0
             continue
         for group in range(robot.joints.shape[0]):
             scratch.bend[group] = scratch.accelerations[group] * np.float32(spacing * spacing)
             scratch.slack[group] = scratch.bend[group] * np.float32(0.125)
         scratch.open[:] = 1
-        if not hits_outer(checks, True, False):
+        if not hits_outer(checks, _YES, _NO):
             continue
         failed = 1 - scratch.open
         scratch.open[:] = 1
-        if hits_inner(checks, True):
+        if hits_inner(checks, _YES):
             return COLLIDING, 0
         # States that the spheres hit as they are: halving will not help there.
         scratch.open[:] = failed
-        hits_outer(checks, False, False)
+        hits_outer(checks, _NO, _NO)
         stuck = failed & (1 - scratch.open)
         halve = motion * spacing > checks.finest
         k = 0

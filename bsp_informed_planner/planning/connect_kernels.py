@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
-from bsp_informed_planner.collision.verdict_kernels import FREE, UNDECIDED, edge_verdict, state_verdict
+from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED, Judgement, edge_verdict, state_verdict
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
 from bsp_informed_planner.planning.neighbour_kernels import distance
@@ -76,7 +75,7 @@ def _step(
     target: Floats,
     new: Floats,
     space: Space,
-    checks: Checks,
+    checks: Judgement,
     max_step: float,
     ask: int,
 ) -> int:
@@ -108,7 +107,7 @@ def _step(
 
 @kernel
 def _connect(
-    trees: Trees, which: int, target: Floats, new: Floats, space: Space, checks: Checks, max_step: float, ask: int
+    trees: Trees, which: int, target: Floats, new: Floats, space: Space, checks: Judgement, max_step: float, ask: int
 ) -> int:
     """Step after step from the nearest node of a tree towards a target; the node at the target, or -1."""
     tree = trees.start if which == START else trees.goal
@@ -129,7 +128,7 @@ def _is_reached(tree: Tree, node: int, target: Floats) -> bool:
 
 
 @kernel
-def _walk(trees: Trees, which: int, chain: Floats, backward: bool, new: Floats, space: Space, checks: Checks) -> int:
+def _walk(trees: Trees, which: int, chain: Floats, backward: bool, new: Floats, space: Space, checks: Judgement) -> int:
     """Adds the free beginning of a chain (end, if backward) to a tree that has its first waypoint; how far it got.
 
     Chains of one problem share waypoints; what another chain has added is not checked again.
@@ -154,7 +153,7 @@ def _walk(trees: Trees, which: int, chain: Floats, backward: bool, new: Floats, 
 
 
 @kernel
-def _seed(trees: Trees, space: Space, checks: Checks, chain: Floats, new: Floats) -> bool:
+def _seed(trees: Trees, space: Space, checks: Judgement, chain: Floats, new: Floats) -> bool:
     """Puts the free prefix of a chain into the start tree, the free suffix into the goal tree; True if it is free."""
     ahead = _walk(trees, START, chain, _FORWARD, new, space, checks)
     if _is_reached(trees.start, ahead, chain[chain.shape[0] - 1]):
@@ -169,7 +168,7 @@ def connect(
     trees: Trees,
     space: Space,
     supply: Supply,
-    checks: Checks,
+    checks: Judgement,
     chains: Floats,
     begins: Indices,
     max_step: float,

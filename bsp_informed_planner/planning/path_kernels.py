@@ -1,11 +1,10 @@
-"""Paths over verdicts: shortening them, and judging edges and states in bulk."""
+"""Shortening of paths, over verdicts."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
-from bsp_informed_planner.collision.verdict_kernels import FREE, edge_verdict
+from bsp_informed_planner.collision.verdict_calls_kernels import FREE, Judgement, edge_verdict
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
 from bsp_informed_planner.planning.neighbour_kernels import distance
@@ -13,15 +12,6 @@ from bsp_informed_planner.planning.random_kernels import RandomState, uniform
 
 # A shortcut is tried when it may gain at least this share of the path.
 _LEAST_GAIN = 1e-4
-
-
-@kernel
-def edge_verdicts(starts: Floats, ends: Floats, checks: Checks) -> Indices:
-    """(m,) the verdict on each of the edges from starts (m, n) to ends (m, n)."""
-    verdicts = np.empty(starts.shape[0], np.int64)
-    for k in range(starts.shape[0]):
-        verdicts[k] = edge_verdict(starts[k], ends[k], checks)
-    return verdicts
 
 
 @kernel
@@ -49,7 +39,7 @@ def _segment_of(lengths: Floats, count: int, along: float) -> int:
 
 @kernel
 def shorten(
-    path: Floats, checks: Checks, weights: Floats, random: RandomState, attempts: int, edges: Indices
+    path: Floats, checks: Judgement, weights: Floats, random: RandomState, attempts: int, edges: Indices
 ) -> Floats:
     """Replace parts of a path by straight edges between random points on it (Geraerts and Overmars, 2007).
 
@@ -119,7 +109,7 @@ def _copy(source: Floats, target: Floats) -> None:
 
 
 @kernel
-def _drop_needless(path: Floats, count: int, checks: Checks, weights: Floats, edges: Indices) -> int:
+def _drop_needless(path: Floats, count: int, checks: Judgement, weights: Floats, edges: Indices) -> int:
     """Drops waypoints whose neighbours see each other, in place; how many are left."""
     kept, k = 1, 1
     while k < count - 1:

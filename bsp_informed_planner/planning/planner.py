@@ -12,8 +12,8 @@ import numpy as np
 
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.collision.temporary import bounds_of
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -176,14 +176,14 @@ class Planner:
                 self._checkers = {padding: self._checkers[padding]}
             return self._checkers[padding].clone()
 
-    def _bounds(self, padding: float) -> Checks:
-        """Conservative checks of its own for the caller."""
+    def _bounds(self, padding: float) -> Verdicts:
+        """Conservative verdicts of its own for the caller."""
         with self._lock:
             if padding not in self._checks:
                 self._checks[padding] = self._collision_bounds.checks(self.scene, padding)
             if len(self._checks) > MAX_CHECKERS:
                 self._checks = {padding: self._checks[padding]}
-            return self._collision_bounds.for_thread(self._checks[padding])
+            return Verdicts(self._collision_bounds.for_thread(self._checks[padding]))
 
     def judge(self, padding: float = 0.0, finest: float | None = None) -> CertifyingChecker:
         """The last check of edges, with bounds, of its own for the caller.

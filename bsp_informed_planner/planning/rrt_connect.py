@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.decomposition.array_types import Flags, Floats
 from bsp_informed_planner.planning.budget import Budget, Chunks, never
 from bsp_informed_planner.planning.connect_kernels import (
@@ -49,15 +49,15 @@ class RrtConnect:
     Its memory may be used for one search after another; see `restart`.
 
     Args:
-        checks: tell what is free; of this thread.
+        verdicts: tell what is free; of this thread.
         space: start, goals, and where samples are drawn.
         max_step: longest edge added at once [rad or m].
         unsure: (1 + g,) which of start and goals the bounds leave open; None: none.
     """
 
-    def __init__(self, checks: Checks, space: Space, max_step: float, unsure: Flags | None = None) -> None:
+    def __init__(self, verdicts: Verdicts, space: Space, max_step: float, unsure: Flags | None = None) -> None:
         dimension = len(space.weights)
-        self._checks = checks
+        self._verdicts = verdicts
         self._space = space
         self._max_step = float(max_step)
         self._unsure = np.zeros(len(space.ends), dtype=np.bool_) if unsure is None else unsure
@@ -149,7 +149,7 @@ class RrtConnect:
                 self._trees,
                 self._space,
                 source.supply,
-                self._checks,
+                self._verdicts.judgement,
                 *self._chains,
                 self._max_step,
                 min(samples + budget.samples_left, _UNLIMITED),

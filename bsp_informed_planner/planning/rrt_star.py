@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.decomposition.array_types import Flags, Floats
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.planning.budget import Budget, Chunks
@@ -59,7 +59,7 @@ class RrtStar:
     """A tree from the start that is rewired towards shorter paths.
 
     Args:
-        checks: tell what is free; of this thread.
+        verdicts: tell what is free; of this thread.
         space: start, goals, and where samples are drawn. The bound of an informed search follows its best cost.
         max_step: longest edge, eta [rad or m].
         rewire: False makes it plain RRT: no choice of parents, no rewiring.
@@ -71,7 +71,7 @@ class RrtStar:
 
     def __init__(
         self,
-        checks: Checks,
+        verdicts: Verdicts,
         space: Space,
         max_step: float,
         *,
@@ -82,7 +82,7 @@ class RrtStar:
         history: int = 0,
     ) -> None:
         dimension, goals = len(space.weights), len(space.ends) - 1
-        self._checks = checks
+        self._verdicts = verdicts
         self._space = space
         self._unsure = np.zeros(goals + 1, dtype=np.bool_) if unsure is None else unsure
         self._rules = Rules(float(max_step), float(goal_bias), _UNLIMITED, bool(rewire), bool(informed), 0.0)
@@ -174,7 +174,7 @@ class RrtStar:
                 self._star,
                 self._space,
                 source.supply,
-                self._checks,
+                self._verdicts.judgement,
                 self._rules._replace(max_samples=min(samples + budget.samples_left, _UNLIMITED), gain=float(gain)),
                 self._unsure[1:],
                 min(chunks.begin(), effort - done),
@@ -250,7 +250,7 @@ class StarResult:
 
 
 def plan_rrt_star(
-    checks: Checks,
+    verdicts: Verdicts,
     start: Floats,
     goals: Floats,
     samples: int,
@@ -271,7 +271,7 @@ def plan_rrt_star(
     Edges that the conservative bounds leave open count as blocked: what is found is proved free.
 
     Args:
-        checks: tell what is free; of this thread.
+        verdicts: tell what is free; of this thread.
         start: (n,) free.
         goals: (k, n) or (n,) free; any of them may be reached.
         samples: N, how many to draw.
@@ -293,7 +293,7 @@ def plan_rrt_star(
     begin = time.perf_counter()
     space = new_space(start, goals, lower, upper, rng, weights)
     source = SampleSource(dimension, rng, sampler, uniform_fraction)
-    tree = RrtStar(checks, space, max_step, rewire=rewire, informed=informed, goal_bias=goal_bias, history=samples)
+    tree = RrtStar(verdicts, space, max_step, rewire=rewire, informed=informed, goal_bias=goal_bias, history=samples)
     budget = Budget(float("inf"), max_samples=samples)
     found = tree.solve(source, budget)
     first_seconds = time.perf_counter() - begin if found is not None else float("inf")

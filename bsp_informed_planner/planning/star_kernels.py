@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
-from bsp_informed_planner.collision.verdict_kernels import FREE, UNDECIDED, edge_verdict, state_verdict
+from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED, Judgement, edge_verdict, state_verdict
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.planning.neighbour_kernels import distance, nearest_rows
@@ -92,7 +91,7 @@ def update_best(star: Star) -> None:
 
 
 @kernel
-def _ask(star: Star, kind: int, parent: int, head: Floats, unsure: bool, checks: Checks, ask: int) -> None:
+def _ask(star: Star, kind: int, parent: int, head: Floats, unsure: bool, checks: Judgement, ask: int) -> None:
     """Puts an undecided edge on the list, if it is one to ask about."""
     if ask == ASK_NONE or star.questions.count[0] == QUESTIONS:
         return
@@ -125,7 +124,7 @@ def _choose_target(star: Star, space: Space, supply: Supply, goal_bias: float, t
 def _grow(
     star: Star,
     space: Space,
-    checks: Checks,
+    checks: Judgement,
     rules: Rules,
     target: Floats,
     ask: int,
@@ -197,7 +196,7 @@ def _grow(
 
 @kernel
 def _try_goals(
-    star: Star, space: Space, checks: Checks, rules: Rules, unsure_goals: Flags, node: int, ask: int
+    star: Star, space: Space, checks: Judgement, rules: Rules, unsure_goals: Flags, node: int, ask: int
 ) -> None:
     """Connects a new node with every goal in reach that it makes cheaper."""
     tree = star.tree
@@ -227,7 +226,7 @@ def grow(
     star: Star,
     space: Space,
     supply: Supply,
-    checks: Checks,
+    checks: Judgement,
     rules: Rules,
     unsure_goals: Flags,
     work: int,

@@ -8,10 +8,9 @@ import numpy as np
 
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, state_verdicts
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.planning.budget import Budget
-from bsp_informed_planner.planning.path_kernels import edge_verdicts
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.sample_source import SampleSource
@@ -26,13 +25,6 @@ _CHUNK = 256
 _MOST_REMEMBERED = 100_000
 
 
-def state_codes(configurations: FloatArray, bounds: Checks) -> np.ndarray:
-    """(m,) what the bounds say of configurations (m, n): FREE, COLLIDING or UNDECIDED."""
-    codes = np.empty(len(configurations), dtype=np.int64)
-    state_verdicts(np.ascontiguousarray(configurations, dtype=np.float64), bounds, codes)
-    return codes
-
-
 class CertifyingChecker:
     """Verdicts on edges that count: proved free wherever that is possible.
 
@@ -42,10 +34,10 @@ class CertifyingChecker:
     Args:
         checker: the exact check.
         finest: see `EdgeCertifier` [m].
-        bounds: conservative checks of the same robot, scene and padding; None: the exact check decides on everything.
+        bounds: conservative verdicts of the same robot, scene and padding; None: the exact check decides on everything.
     """
 
-    def __init__(self, checker: ExactChecker, finest: float, bounds: Checks | None = None) -> None:
+    def __init__(self, checker: ExactChecker, finest: float, bounds: Verdicts | None = None) -> None:
         self._checker = checker
         self._certifier = EdgeCertifier(checker, finest)
         self._known: dict[bytes, Verdict] = {}
@@ -64,7 +56,7 @@ class CertifyingChecker:
         """(m,) which of the configurations (m, n) are free."""
         if self.bounds is None:
             return np.array([self._checker.is_free(state) for state in configurations], dtype=np.bool_)
-        verdicts = state_codes(configurations, self.bounds)
+        verdicts = self.bounds.of_states(configurations)
         free = verdicts == FREE
         for index in np.flatnonzero((verdicts != FREE) & (verdicts != COLLIDING)):
             free[index] = self._checker.is_free(configurations[index])
@@ -72,10 +64,7 @@ class CertifyingChecker:
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
         """The names of two bodies that touch in a configuration (n,); None if it is free."""
-        if (
-            self.bounds is not None
-            and state_verdicts(np.array(configuration, dtype=np.float64)[None], self.bounds)[0] == FREE
-        ):
+        if self.bounds is not None and self.bounds.of_states(np.asarray(configuration)[None])[0] == FREE:
             return None
         return self._checker.colliding_bodies(configuration)
 
@@ -106,7 +95,7 @@ class CertifyingChecker:
             if self.bounds is None:
                 codes = np.full(len(part) - 1, -1)
             else:
-                codes = edge_verdicts(part[:-1], part[1:], self.bounds)
+                codes = self.bounds.of_edges(part[:-1], part[1:])
             for index, code in enumerate(codes.tolist()):
                 if code == FREE:
                     verdicts.append(Verdict.CERTIFIED)

@@ -8,18 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from bsp_informed_planner.collision.certifier import Verdict
-from bsp_informed_planner.collision.check_arrays_kernels import Checks
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
-from bsp_informed_planner.planning.path_kernels import edge_verdicts
 from bsp_informed_planner.planning.question_kernels import ASK_ALL, ASK_UNSURE
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.rrt_star import RrtStar
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
-from bsp_informed_planner.planning.verification import CertifyingChecker, state_codes
+from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.sampler import ClippedSampler, Sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -84,12 +82,12 @@ class Worker:
         assert last.bounds is not None
         self._problem = problem
         self._last = last
-        self._checks: Checks = last.bounds
+        self._verdicts = last.bounds
         self._budget = budget
         self._rng = rng
         self._incumbent = incumbent
         self.space = new_space(problem.start, problem.goals, *problem.box, rng, incumbent.weights, incumbent.bound)
-        self._unsure = state_codes(self.space.ends, self._checks) != FREE
+        self._unsure = self._verdicts.of_states(self.space.ends) != FREE
         self._uniform = SampleSource(len(problem.start), rng)
         self._mixture = self._uniform
         self._effort = LEAST_PATIENCE
@@ -124,7 +122,7 @@ class Worker:
         path = self._straight()
         if path is not None:
             return path
-        self._trees = RrtConnect(self._checks, self.space, self._problem.max_step, self._unsure)
+        self._trees = RrtConnect(self._verdicts, self.space, self._problem.max_step, self._unsure)
         trees, budget = self._trees, self._budget
 
         def grow(source: SampleSource, ask: int, effort: int) -> FloatArray | None:
@@ -153,7 +151,7 @@ class Worker:
         """The nearest goal that a free edge leads to."""
         ends = self.space.ends
         starts = np.repeat(ends[:1], len(ends) - 1, axis=0)
-        verdicts = edge_verdicts(starts, ends[1:], self._checks)
+        verdicts = self._verdicts.of_edges(starts, ends[1:])
         self._budget.charge(0, 0, len(verdicts))
         lengths = np.linalg.norm((ends[1:] - ends[0]) * self.space.weights, axis=1)
         for goal in np.argsort(lengths, kind="stable"):
@@ -174,7 +172,7 @@ class Worker:
 
     def shortened(self, path: FloatArray, attempts: int = SHORTCUTS) -> FloatArray:
         """The path with shortcuts."""
-        return shortcut(path, self._checks, self.space, self._budget, attempts)
+        return shortcut(path, self._verdicts, self.space, self._budget, attempts)
 
     def improve(self, guidance: Callable[[], Guidance], on_better: Callable[[], None]) -> None:
         """Better paths, until the budget is spent or there can be none.
@@ -193,9 +191,9 @@ class Worker:
         found_guidance = guidance()
         self.take(found_guidance)
         chains = [chain.configurations for chain in found_guidance.chains]
-        trees = self._trees or RrtConnect(self._checks, self.space, self._problem.max_step, self._unsure)
+        trees = self._trees or RrtConnect(self._verdicts, self.space, self._problem.max_step, self._unsure)
         self._trees = trees
-        star = RrtStar(self._checks, self.space, self._problem.max_step, unsure=self._unsure)
+        star = RrtStar(self._verdicts, self.space, self._problem.max_step, unsure=self._unsure)
         star.insert_path(self._incumbent.path)
         patience = PATIENCE * self._effort
         while not self._budget.is_spent() and not self._is_optimal():
@@ -241,7 +239,7 @@ class Worker:
         """
         self.take(guidance)
         tree = RrtStar(
-            self._checks, self.space, self._problem.max_step, rewire=rewire, informed=False, unsure=self._unsure
+            self._verdicts, self.space, self._problem.max_step, rewire=rewire, informed=False, unsure=self._unsure
         )
         ask, effort = ASK_UNSURE, GUIDED
         while not self._budget.is_spent():

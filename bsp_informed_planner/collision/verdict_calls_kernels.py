@@ -1,0 +1,88 @@
+"""Verdicts for kernels that search: called by address, so that their machine code exists, and is compiled, once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import carray
+from numpy.typing import NDArray
+
+from bsp_informed_planner.collision import verdict_kernels
+from bsp_informed_planner.collision.check_arrays_kernels import (
+    Chain,
+    Checks,
+    Obstacles,
+    RobotBounds,
+    Scratch,
+    SphereTree,
+)
+from bsp_informed_planner.compiled import Callback, kernel
+from bsp_informed_planner.decomposition.array_types import Floats
+from bsp_informed_planner.pointer_kernels import SIGNATURE, call, loader, store, stored_size, type_of
+
+FREE, COLLIDING, UNDECIDED = verdict_kernels.FREE, verdict_kernels.COLLIDING, verdict_kernels.UNDECIDED
+
+
+class Judgement(NamedTuple):
+    """What kernels need for verdicts: of one thread, like the `Checks` in it.
+
+    Attributes:
+        address: of the verdicts' machine code.
+        checks: the stored `Checks`, whose arrays somebody else keeps alive.
+    """
+
+    address: int
+    checks: NDArray[np.uint8]
+
+
+def _empty_checks() -> Checks:
+    """Checks without anything in them, for their type."""
+    singles, indices, lanes = np.zeros(0, np.float32), np.zeros(0, np.int64), np.zeros(0, np.int32)
+    pairs, table = np.zeros((0, 2), np.int64), np.zeros((0, 4), np.float32)
+    tree = SphereTree(table, indices, indices)
+    robot = RobotBounds(Chain(indices, indices, indices, table), tree, tree, indices, indices, pairs, table)
+    scratch = Scratch(
+        table, table, singles, table, table, indices, indices, indices, singles, singles, singles, lanes, lanes,
+        singles, pairs, np.zeros((0, 2)),
+    )
+    return Checks(robot, Obstacles(table, indices, indices, table, table), 0.0, 0.0, 0.0, np.zeros(0), scratch)
+
+
+_load = loader(type_of(_empty_checks()))
+
+
+def _verdict(first: object, second: object, count: int, stored: object) -> int:
+    # One more than the verdict: an exception, such as for lack of memory, returns 0.
+    if count < 0:
+        return 1 + verdict_kernels.state_verdict(carray(first, (-count,)), _load(stored))
+    return 1 + verdict_kernels.edge_verdict(carray(first, (count,)), carray(second, (count,)), _load(stored))
+
+
+_VERDICT = Callback(_verdict, SIGNATURE)
+
+
+@kernel
+def _stored(checks: Checks) -> NDArray[np.uint8]:
+    buffer = np.zeros(stored_size(checks), np.uint8)
+    store(checks, buffer)
+    return buffer
+
+
+def judgement(checks: Checks) -> Judgement:
+    """Verdicts of these checks. The caller keeps the checks as long as the result."""
+    return Judgement(_VERDICT.address, _stored(checks))
+
+
+@kernel
+def edge_verdict(start: Floats, end: Floats, judge: Judgement) -> int:
+    """See `verdict_kernels.edge_verdict`."""
+    verdict = call(judge.address, start, end, start.shape[0], judge.checks) - 1
+    return verdict if verdict >= 0 else UNDECIDED
+
+
+@kernel
+def state_verdict(configuration: Floats, judge: Judgement) -> int:
+    """See `verdict_kernels.state_verdict`."""
+    verdict = call(judge.address, configuration, configuration, -configuration.shape[0], judge.checks) - 1
+    return verdict if verdict >= 0 else UNDECIDED

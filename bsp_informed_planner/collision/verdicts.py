@@ -1,0 +1,36 @@
+"""Conservative verdicts on states and edges, of one thread."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bsp_informed_planner.collision.check_arrays_kernels import Checks
+from bsp_informed_planner.collision.verdict_batch_kernels import edge_verdicts, state_verdicts
+from bsp_informed_planner.collision.verdict_calls_kernels import judgement
+from bsp_informed_planner.decomposition.array_types import Floats, Indices
+
+
+class Verdicts:
+    """What the bounds say: right, or silent. FREE, COLLIDING and UNDECIDED are those of `verdict_calls_kernels`.
+
+    Not thread-safe: `CollisionBounds.for_thread` gives checks for another thread.
+
+    Args:
+        checks: of robot, scene and padding.
+
+    Attributes:
+        judgement: the same for kernels, valid as long as this lives.
+    """
+
+    def __init__(self, checks: Checks) -> None:
+        self._checks = checks
+        self.judgement = judgement(checks)
+
+    def of_states(self, configurations: Floats) -> Indices:
+        """(m,) the verdict on each of the configurations (m, n)."""
+        return state_verdicts(np.ascontiguousarray(configurations, dtype=np.float64), self.judgement)
+
+    def of_edges(self, starts: Floats, ends: Floats) -> Indices:
+        """(m,) the verdict on each of the straight edges from starts (m, n) to ends (m, n)."""
+        starts, ends = (np.ascontiguousarray(rows, dtype=np.float64) for rows in (starts, ends))
+        return edge_verdicts(starts, ends, self.judgement)
