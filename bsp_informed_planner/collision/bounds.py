@@ -13,6 +13,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     FRAME_ROWS,
     LANES,
     SPHERE_ROWS,
+    STRIDE,
     Chain,
     Checks,
     RobotBounds,
@@ -148,10 +149,10 @@ class CollisionBounds:
 
         return Scratch(
             values=singles(joints, LANES),
-            frames=singles(joints + 1, FRAME_ROWS * LANES),
-            turning=singles((FRAME_ROWS + 3) * LANES),
-            outer=singles(outer, SPHERE_ROWS * LANES),
-            inner=singles(inner, SPHERE_ROWS * LANES),
+            frames=singles(joints + 1, FRAME_ROWS * STRIDE),
+            turning=singles((FRAME_ROWS + 3) * STRIDE),
+            outer=singles(outer, SPHERE_ROWS * STRIDE),
+            inner=singles(inner, SPHERE_ROWS * STRIDE),
             outer_ages=np.zeros(outer, dtype=np.int64),
             inner_ages=np.zeros(inner, dtype=np.int64),
             clock=np.zeros(1, dtype=np.int64),
@@ -159,8 +160,8 @@ class CollisionBounds:
             bend=singles(groups),
             accelerations=singles(groups),
             open=np.zeros(LANES, dtype=np.int32),
+            lane=np.eye(LANES, dtype=np.int32),
             hits=np.zeros(LANES, dtype=np.int32),
-            relative=singles(SPHERE_ROWS * LANES),
             stack=np.zeros((_STACK, 2), dtype=np.int64),
             intervals=np.zeros((_INTERVALS, 2)),
         )

@@ -1,7 +1,8 @@
 """The arrays that the verdict kernels read and write.
 
 Sixteen states are looked at together, one a lane: sixteen numbers in a row, which processors handle at once. A quantity
-of all lanes is a slice of LANES numbers of a flat row.
+of all lanes is a slice of a flat row, STRIDE numbers long: the lanes, one more that continues the last two in a straight
+line, so that every lane has a next one, and room.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ Lanes = NDArray[np.int32]
 
 #: States that are looked at together.
 LANES = 16
+#: Numbers from one quantity of all lanes to the next.
+STRIDE = 24
 
 # Kinds of an obstacle's parts, and of the nodes of a tree of obstacles that only enclose others.
 ENCLOSING, BOX, BALL, CYLINDER, CONE, HALF_SPACE, POLYTOPE = -1, 0, 1, 2, 3, 4, 5
@@ -25,10 +28,9 @@ PART_SIZE = 16
 
 #: Rows of a joint's frame: nine of its rotation, row by row, then three of its origin.
 FRAME_ROWS = 12
-# Rows of a placed sphere: its centre, the squared radius against obstacles, and a bound of the chords to the
-# neighbouring lanes. One more row keeps reads of the next lane's number inside.
-X, Y, Z, SQUARED, CHORD = 0, LANES, 2 * LANES, 3 * LANES, 4 * LANES
-SPHERE_ROWS = 6
+# Rows of a placed sphere: its centre, and the squared radius against obstacles.
+X, Y, Z, SQUARED = 0, STRIDE, 2 * STRIDE, 3 * STRIDE
+SPHERE_ROWS = 4
 
 
 class Chain(NamedTuple):
@@ -110,17 +112,17 @@ class Scratch(NamedTuple):
 
     Attributes:
         values: (n, LANES) joint values.
-        frames: (n + 1, FRAME_ROWS * LANES) frames of root and joints.
-        turning: (FRAME_ROWS + 3, LANES), flat: the frame that is computed.
-        outer, inner: (m, SPHERE_ROWS * LANES) placed spheres.
+        frames: (n + 1, FRAME_ROWS * STRIDE) frames of root and joints.
+        turning: ((FRAME_ROWS + 3) * STRIDE,) the frame that is computed, sines, cosines and slides of its joint.
+        outer, inner: (m, SPHERE_ROWS * STRIDE) placed spheres.
         outer_ages, inner_ages: (m,) when each was placed.
         clock: (1,) the time: one more for every set of states.
         slack, bend: (g,) of each group, how far its centres may leave their chords, and how much chords that follow
             each other may differ [m].
         accelerations: (g,) bounds of the second derivative of its centres along the edge [m].
         open: (LANES,) 1 where nothing has been hit yet.
-        hits: (LANES,) of the last test.
-        relative: (SPHERE_ROWS * LANES,) a pair of spheres relative to each other.
+        lane: (LANES, LANES) for each lane: 1 there, 0 elsewhere.
+        hits: (LANES,) lanes that some test has not excluded yet.
         stack: (s, 2) pairs of nodes to look at.
         intervals: (s, 2) of an edge, to look at.
     """
@@ -137,8 +139,8 @@ class Scratch(NamedTuple):
     bend: Singles
     accelerations: Singles
     open: Lanes
+    lane: Lanes
     hits: Lanes
-    relative: Singles
     stack: Indices
     intervals: NDArray[np.float64]
 

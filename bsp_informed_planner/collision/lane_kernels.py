@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.collision.check_arrays_kernels import (
-    CHORD,
     FRAME_ROWS,
     LANES,
     SQUARED,
+    STRIDE,
     Chain,
     Indices,
     Lanes,
@@ -19,22 +19,24 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
 )
 from bsp_informed_planner.compiled import kernel
 
-# Inputs are finite (`verdict_kernels` sees to it), and radii have room for any order of sums.
-FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
+# Options of kernels that run for every pair of spheres. Inputs are finite (`verdict_kernels` sees to it), and radii have
+# room for any order of sums. These kernels allocate nothing, and need not count references to the slices of arrays that
+# they pass on: that alone would take ten times as long as a test.
+FAST = {"fastmath": {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}, "_nrt": False}
 
 # Rows of `Scratch.turning` after the frame.
-SINE, COSINE, SLIDE = FRAME_ROWS * LANES, (FRAME_ROWS + 1) * LANES, (FRAME_ROWS + 2) * LANES
+SINE, COSINE, SLIDE = FRAME_ROWS * STRIDE, (FRAME_ROWS + 1) * STRIDE, (FRAME_ROWS + 2) * STRIDE
 HALF, QUARTER = np.float32(0.5), np.float32(0.25)
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
 
-@kernel(inline="always", fastmath=FAST)
+@kernel(**FAST)
 def reduced_half(angle: float) -> np.float32:
     """Half of an angle, turned by full turns into [-pi / 2, pi / 2]: in double precision, for angles may be large."""
     return np.float32(0.5 * (angle - 6.283185307179586 * np.floor(0.15915494309189535 * angle + 0.5)))
 
 
-@kernel(inline="always", fastmath=FAST)
+@kernel(**FAST)
 def half_angle_sine(half: np.float32) -> np.float32:
     """Sine, in [-pi / 2, pi / 2]: Taylor, remainder below 6e-8."""
     h2 = half * half
@@ -52,7 +54,7 @@ def half_angle_sine(half: np.float32) -> np.float32:
     )
 
 
-@kernel(inline="always", fastmath=FAST)
+@kernel(**FAST)
 def half_angle_cosine(half: np.float32) -> np.float32:
     """Cosine, in [-pi / 2, pi / 2]: Taylor, remainder below 7e-9."""
     h2 = half * half
@@ -70,7 +72,7 @@ def half_angle_cosine(half: np.float32) -> np.float32:
     )
 
 
-@kernel(inline="always", fastmath=FAST)
+@kernel(forceinline=True, **FAST)
 def turn_row(frame: Singles, row: int, origin: int, placement: Singles) -> None:
     """One row of a frame, and its coordinate of the origin, from the parent joint to the child's."""
     p0, p1, p2, p3, p4 = placement[0], placement[1], placement[2], placement[3], placement[4]
@@ -84,35 +86,35 @@ def turn_row(frame: Singles, row: int, origin: int, placement: Singles) -> None:
         placement[11],
     )
     for k in range(LANES):
-        w0 = frame[row * LANES + k]
-        w1 = frame[(row + 1) * LANES + k]
-        w2 = frame[(row + 2) * LANES + k]
+        w0 = frame[row * STRIDE + k]
+        w1 = frame[(row + 1) * STRIDE + k]
+        w2 = frame[(row + 2) * STRIDE + k]
         m0 = w0 * p0 + w1 * p3 + w2 * p6
         m1 = w0 * p1 + w1 * p4 + w2 * p7
         m2 = w0 * p2 + w1 * p5 + w2 * p8
         sine, cosine = frame[SINE + k], frame[COSINE + k]
-        frame[origin * LANES + k] += w0 * px + w1 * py + w2 * pz + m2 * frame[SLIDE + k]
-        frame[row * LANES + k] = m0 * cosine + m1 * sine
-        frame[(row + 1) * LANES + k] = m1 * cosine - m0 * sine
-        frame[(row + 2) * LANES + k] = m2
+        frame[origin * STRIDE + k] += w0 * px + w1 * py + w2 * pz + m2 * frame[SLIDE + k]
+        frame[row * STRIDE + k] = m0 * cosine + m1 * sine
+        frame[(row + 1) * STRIDE + k] = m1 * cosine - m0 * sine
+        frame[(row + 2) * STRIDE + k] = m2
 
 
-@kernel(fastmath=FAST)
+@kernel(**FAST)
 def place_joints(chain: Chain, values: Singles, frames: Singles, turning: Singles) -> None:
     """Frames of all joints from their values (n, LANES): half angles as of `reduced_half`, or slides [m]."""
     root = frames[0]
     for i in range(FRAME_ROWS):
         value = ONE if i == 0 or i == 4 or i == 8 else ZERO  # noqa: PLR1714
-        for k in range(LANES):
-            root[i * LANES + k] = value
-            turning[i * LANES + k] = value
+        for k in range(STRIDE):
+            root[i * STRIDE + k] = value
+            turning[i * STRIDE + k] = value
     last = 0
     for joint in range(chain.parents.shape[0]):
         value_row = values[joint]
         parent = chain.parents[joint]
         if parent != last:
             frame = frames[parent]
-            for k in range(FRAME_ROWS * LANES):
+            for k in range(FRAME_ROWS * STRIDE):
                 turning[k] = frame[k]
         if chain.prismatic[joint] == 0:
             for k in range(LANES):
@@ -130,12 +132,14 @@ def place_joints(chain: Chain, values: Singles, frames: Singles, turning: Single
         turn_row(turning, 3, 10, placement)
         turn_row(turning, 6, 11, placement)
         frame = frames[joint + 1]
-        for k in range(FRAME_ROWS * LANES):
+        for k in range(FRAME_ROWS * STRIDE):
             frame[k] = turning[k]
+        for i in range(LANES, FRAME_ROWS * STRIDE, STRIDE):
+            frame[i] = np.float32(2.0) * frame[i - 1] - frame[i - 2]
         last = joint + 1
 
 
-@kernel(inline="always", fastmath=FAST)
+@kernel(forceinline=True, **FAST)
 def place_sphere(
     frame: Singles, sphere: Singles, margin: np.float32, slack: np.float32, bend: np.float32, swept: bool, row: Singles
 ) -> None:
@@ -149,57 +153,70 @@ def place_sphere(
     """
     x, y, z = sphere[0], sphere[1], sphere[2]
     radius = max(sphere[3] + margin, ZERO) + slack
+    # Written out, and one loop for all three: compilers make vectors of this, see `obstacle_kernels`.
     for k in range(LANES):
-        row[X + k] = frame[k] * x + frame[LANES + k] * y + frame[2 * LANES + k] * z + frame[9 * LANES + k]
-        row[Y + k] = frame[3 * LANES + k] * x + frame[4 * LANES + k] * y + frame[5 * LANES + k] * z
-        row[Y + k] += frame[10 * LANES + k]
-        row[Z + k] = frame[6 * LANES + k] * x + frame[7 * LANES + k] * y + frame[8 * LANES + k] * z
-        row[Z + k] += frame[11 * LANES + k]
+        row[X + k] = frame[k] * x + frame[STRIDE + k] * y + frame[2 * STRIDE + k] * z + frame[9 * STRIDE + k]
+        row[Y + k] = (
+            frame[3 * STRIDE + k] * x + frame[4 * STRIDE + k] * y + frame[5 * STRIDE + k] * z + frame[10 * STRIDE + k]
+        )
+        row[Z + k] = (
+            frame[6 * STRIDE + k] * x + frame[7 * STRIDE + k] * y + frame[8 * STRIDE + k] * z + frame[11 * STRIDE + k]
+        )
+    row[X + LANES] = row[X + LANES - 1] + row[X + LANES - 1] - row[X + LANES - 2]
+    row[Y + LANES] = row[Y + LANES - 1] + row[Y + LANES - 1] - row[Y + LANES - 2]
+    row[Z + LANES] = row[Z + LANES - 1] + row[Z + LANES - 1] - row[Z + LANES - 2]
     if swept:
-        # The last lane has no next one; what it reads is replaced below.
+        # From the frames, not from the row: what was just written as one vector is slow to read as another.
         for k in range(LANES):
-            dx, dy, dz = row[X + k + 1] - row[X + k], row[Y + k + 1] - row[Y + k], row[Z + k + 1] - row[Z + k]
-            row[CHORD + k] = np.sqrt(dx * dx + dy * dy + dz * dz) + bend
-        row[CHORD + LANES - 1] = row[CHORD + LANES - 2]
-        for k in range(LANES):
-            row[SQUARED + k] = radius * radius + QUARTER * row[CHORD + k] * row[CHORD + k]
+            dx = (
+                (frame[k + 1] - frame[k]) * x
+                + (frame[STRIDE + k + 1] - frame[STRIDE + k]) * y
+                + (frame[2 * STRIDE + k + 1] - frame[2 * STRIDE + k]) * z
+                + (frame[9 * STRIDE + k + 1] - frame[9 * STRIDE + k])
+            )
+            dy = (
+                (frame[3 * STRIDE + k + 1] - frame[3 * STRIDE + k]) * x
+                + (frame[4 * STRIDE + k + 1] - frame[4 * STRIDE + k]) * y
+                + (frame[5 * STRIDE + k + 1] - frame[5 * STRIDE + k]) * z
+                + (frame[10 * STRIDE + k + 1] - frame[10 * STRIDE + k])
+            )
+            dz = (
+                (frame[6 * STRIDE + k + 1] - frame[6 * STRIDE + k]) * x
+                + (frame[7 * STRIDE + k + 1] - frame[7 * STRIDE + k]) * y
+                + (frame[8 * STRIDE + k + 1] - frame[8 * STRIDE + k]) * z
+                + (frame[11 * STRIDE + k + 1] - frame[11 * STRIDE + k])
+            )
+            chord = np.sqrt(dx * dx + dy * dy + dz * dz) + bend
+            row[SQUARED + k] = radius * radius + QUARTER * chord * chord
     else:
         for k in range(LANES):
             row[SQUARED + k] = radius * radius
 
 
-@kernel(inline="always", fastmath=FAST)
-def spheres_touch(
-    a: Singles, b: Singles, radii: np.float32, bend: np.float32, swept: bool, relative: Singles, open: Lanes, hits: Lanes
-) -> int:
-    """In how many open lanes two spheres, whose radii sum up to `radii`, touch; which is written to `hits`.
+@kernel(forceinline=True, **FAST)
+def spheres_touch(a: Singles, b: Singles, radii: np.float32, bend: np.float32, swept: bool, open: Lanes) -> int:
+    """In how many open lanes two spheres touch, whose radii sum up to `radii`.
 
-    If swept, as `place_sphere` says, with the motion of one relative to the other: `radii` includes the slack of both
-    and `bend` is the sum of both.
+    If swept, in how many they may in the intervals beside the lane: as `place_sphere` says, for one relative to the
+    other. Then `radii` includes the slack of both, and `bend` is the sum of both.
     """
-    for k in range(LANES):
-        relative[X + k] = a[X + k] - b[X + k]
-        relative[Y + k] = a[Y + k] - b[Y + k]
-        relative[Z + k] = a[Z + k] - b[Z + k]
+    total = np.int32(0)
     if swept:
         for k in range(LANES):
-            dx, dy = relative[X + k + 1] - relative[X + k], relative[Y + k + 1] - relative[Y + k]
-            dz = relative[Z + k + 1] - relative[Z + k]
-            relative[CHORD + k] = np.sqrt(dx * dx + dy * dy + dz * dz) + bend
-        relative[CHORD + LANES - 1] = relative[CHORD + LANES - 2]
+            x, y, z = a[X + k] - b[X + k], a[Y + k] - b[Y + k], a[Z + k] - b[Z + k]
+            dx = a[X + k + 1] - b[X + k + 1] - x
+            dy = a[Y + k + 1] - b[Y + k + 1] - y
+            dz = a[Z + k + 1] - b[Z + k + 1] - z
+            chord = np.sqrt(dx * dx + dy * dy + dz * dz) + bend
+            total += np.int32(x * x + y * y + z * z < radii * radii + QUARTER * chord * chord) & open[k]
     else:
         for k in range(LANES):
-            relative[CHORD + k] = ZERO
-    total = np.int32(0)
-    for k in range(LANES):
-        x, y, z, chord = relative[X + k], relative[Y + k], relative[Z + k], relative[CHORD + k]
-        hit = np.int32(x * x + y * y + z * z < radii * radii + QUARTER * chord * chord) & open[k]
-        hits[k] = hit
-        total += hit
+            x, y, z = a[X + k] - b[X + k], a[Y + k] - b[Y + k], a[Z + k] - b[Z + k]
+            total += np.int32(x * x + y * y + z * z < radii * radii) & open[k]
     return total
 
 
-@kernel(fastmath=FAST)
+@kernel(**FAST)
 def bound_accelerations(steps: Singles, chain: Chain, joints: Indices, levers: Singles, accelerations: Singles) -> None:
     """Bounds of the second derivative of each group's sphere centres along an edge with joint differences `steps` (n,).
 

@@ -1,11 +1,14 @@
 """Spheres in all lanes against the parts of obstacles.
 
-Every test counts the open lanes in which a sphere comes closer to a part than its radius, and writes which to `hits`.
-Distances are exact but for polytopes. Rounding is covered by the radii (see `CollisionBounds`).
+Every test counts the open lanes in which a sphere comes closer to a part than its radius. Distances are exact but for
+polytopes. Rounding is covered by the radii (see `CollisionBounds`).
 
 Numbers that describe a part: a box: centre, half sizes, its three axes; a ball: centre, radius; a cylinder or a cone:
 centre, axis, radius, half height; a half-space: outward normal, offset with n . x + offset <= 0 inside; a polytope:
 first and last of its planes, centre and radius of a ball inside.
+
+The shape of this code is what compilers make vectors of: a test is one loop over lanes that calls nothing, writes to no
+array, and reads none but those of the lanes; and it is inlined where it is used. Otherwise it takes ten times as long.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ from bsp_informed_planner.collision.lane_kernels import FAST, ONE, ZERO
 from bsp_informed_planner.compiled import kernel
 
 
-@kernel(inline="always", fastmath=FAST)
+@kernel(forceinline=True, **FAST)
 def near_bounds(row: Singles, box: Singles, open: Lanes) -> int:
     """A box along the axes, given by its corners."""
     x0, y0, z0, x1, y1, z1 = box[0], box[1], box[2], box[3], box[4], box[5]
@@ -42,8 +45,8 @@ def near_bounds(row: Singles, box: Singles, open: Lanes) -> int:
     return total
 
 
-@kernel(inline="always", fastmath=FAST)
-def near_box(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
+@kernel(forceinline=True, **FAST)
+def near_box(row: Singles, part: Singles, open: Lanes) -> int:
     cx, cy, cz, hx, hy, hz = part[0], part[1], part[2], part[3], part[4], part[5]
     a0, a1, a2, b0, b1, b2 = part[6], part[7], part[8], part[9], part[10], part[11]
     c0, c1, c2 = part[12], part[13], part[14]
@@ -53,27 +56,23 @@ def near_box(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
         u = max(abs(dx * a0 + dy * a1 + dz * a2) - hx, ZERO)
         v = max(abs(dx * b0 + dy * b1 + dz * b2) - hy, ZERO)
         w = max(abs(dx * c0 + dy * c1 + dz * c2) - hz, ZERO)
-        hit = np.int32(u * u + v * v + w * w < row[SQUARED + k]) & open[k]
-        hits[k] = hit
-        total += hit
+        total += np.int32(u * u + v * v + w * w < row[SQUARED + k]) & open[k]
     return total
 
 
-@kernel(inline="always", fastmath=FAST)
-def near_ball(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
-    cx, cy, cz, radius = part[0], part[1], part[2], part[3]
+@kernel(forceinline=True, **FAST)
+def near_ball(row: Singles, part: Singles, first: int, open: Lanes) -> int:
+    cx, cy, cz, radius = part[first], part[first + 1], part[first + 2], part[first + 3]
     total = np.int32(0)
     for k in range(LANES):
         dx, dy, dz = row[X + k] - cx, row[Y + k] - cy, row[Z + k] - cz
         reach = np.sqrt(row[SQUARED + k]) + radius
-        hit = np.int32(dx * dx + dy * dy + dz * dz < reach * reach) & open[k]
-        hits[k] = hit
-        total += hit
+        total += np.int32(dx * dx + dy * dy + dz * dz < reach * reach) & open[k]
     return total
 
 
-@kernel(inline="always", fastmath=FAST)
-def near_cylinder(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
+@kernel(forceinline=True, **FAST)
+def near_cylinder(row: Singles, part: Singles, open: Lanes) -> int:
     cx, cy, cz, ax, ay, az, radius, half = part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7]
     total = np.int32(0)
     for k in range(LANES):
@@ -82,15 +81,13 @@ def near_cylinder(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
         px, py, pz = dx - along * ax, dy - along * ay, dz - along * az
         u = max(np.sqrt(px * px + py * py + pz * pz) - radius, ZERO)
         v = max(abs(along) - half, ZERO)
-        hit = np.int32(u * u + v * v < row[SQUARED + k]) & open[k]
-        hits[k] = hit
-        total += hit
+        total += np.int32(u * u + v * v < row[SQUARED + k]) & open[k]
     return total
 
 
-@kernel(inline="always", fastmath=FAST)
-def near_cone(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
-    """In the half-plane of radius and height, a cone is a triangle: the base and the slant are what may be nearest."""
+@kernel(forceinline=True, **FAST)
+def near_cone(row: Singles, part: Singles, open: Lanes) -> int:
+    """In the half-plane of radius and height, a cone is a triangle: its base or its slant is nearest."""
     cx, cy, cz, ax, ay, az, radius, half = part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7]
     height = half + half
     per_slant = ONE / (radius * radius + height * height)
@@ -101,85 +98,67 @@ def near_cone(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
         px, py, pz = dx - along * ax, dy - along * ay, dz - along * az
         beyond, up = np.sqrt(px * px + py * py + pz * pz) - radius, along + half
         outside = max(beyond, ZERO)
-        base = outside * outside + up * up
         share = min(max((up * height - beyond * radius) * per_slant, ZERO), ONE)
         u, v = beyond + share * radius, up - share * height
-        inside = (up > ZERO) & (beyond * height + up * radius < ZERO)
-        squared = ZERO if inside else min(base, u * u + v * v)
-        hit = np.int32(squared < row[SQUARED + k]) & open[k]
-        hits[k] = hit
-        total += hit
+        inside = np.int32(up > ZERO) & np.int32(beyond * height + up * radius < ZERO)
+        squared = min(outside * outside + up * up, u * u + v * v)
+        total += (inside | np.int32(squared < row[SQUARED + k])) & open[k]
     return total
 
 
-@kernel(inline="always", fastmath=FAST)
-def near_half_space(row: Singles, part: Singles, open: Lanes, hits: Lanes) -> int:
+@kernel(forceinline=True, **FAST)
+def near_half_space(row: Singles, part: Singles, open: Lanes) -> int:
     nx, ny, nz, offset = part[0], part[1], part[2], part[3]
     total = np.int32(0)
     for k in range(LANES):
         height = max(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz + offset, ZERO)
-        hit = np.int32(height * height < row[SQUARED + k]) & open[k]
-        hits[k] = hit
-        total += hit
+        total += np.int32(height * height < row[SQUARED + k]) & open[k]
     return total
 
 
-@kernel(inline="always", fastmath=FAST)
-def near_polytope(row: Singles, part: Singles, planes: Singles, open: Lanes, hits: Lanes) -> int:
-    """Not clear of any plane: distances from planes are lower bounds of the distance."""
+@kernel(**FAST)
+def near_polytope(row: Singles, part: Singles, planes: Singles, surely: bool, open: Lanes, hits: Lanes) -> int:
+    """Lanes in which no plane is clear of the sphere: distances from planes are lower bounds of the distance.
+
+    `surely`: lanes in which it touches for certain: its centre is inside of all planes, or it meets the ball inside.
+    """
+    if surely:
+        touched = near_ball(row, part, 2, open)
+        if touched > 0:
+            return touched
     for k in range(LANES):
         hits[k] = open[k]
-    total = np.int32(1)
+    total = np.int32(LANES)
     for p in range(np.int64(part[0]), np.int64(part[1])):
-        plane = planes[p]
-        nx, ny, nz, offset = plane[0], plane[1], plane[2], plane[3]
+        nx, ny, nz, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
+        if surely:
+            for k in range(LANES):
+                hits[k] &= np.int32(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz < offset)
+        else:
+            for k in range(LANES):
+                height = max(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz - offset, ZERO)
+                hits[k] &= np.int32(height * height < row[SQUARED + k])
         total = np.int32(0)
         for k in range(LANES):
-            height = max(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz - offset, ZERO)
-            hit = np.int32(height * height < row[SQUARED + k]) & hits[k]
-            hits[k] = hit
-            total += hit
+            total += hits[k]
         if total == 0:
             break
     return total
 
 
-@kernel(inline="always", fastmath=FAST)
-def surely_touches_polytope(row: Singles, part: Singles, planes: Singles, open: Lanes, hits: Lanes) -> int:
-    """The centre inside all planes, or the ball inside touched."""
-    for k in range(LANES):
-        hits[k] = open[k]
-    total = np.int32(1)
-    for p in range(np.int64(part[0]), np.int64(part[1])):
-        plane = planes[p]
-        nx, ny, nz, offset = plane[0], plane[1], plane[2], plane[3]
-        total = np.int32(0)
-        for k in range(LANES):
-            hit = np.int32(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz < offset) & hits[k]
-            hits[k] = hit
-            total += hit
-        if total == 0:
-            break
-    if total == 0:
-        return near_ball(row, part[2:6], open, hits)
-    return total
-
-
-@kernel(fastmath=FAST)
+@kernel(**FAST)
 def near_part(
     row: Singles, kind: int, part: Singles, planes: Singles, surely: bool, open: Lanes, hits: Lanes
 ) -> int:
-    """A part of any kind. `surely`: lanes of hits touch it for certain; otherwise the others certainly do not."""
+    """In how many open lanes a sphere touches a part. `surely`: all these are certain; else all others are clear."""
     if kind == BOX:
-        return near_box(row, part, open, hits)
+        return near_box(row, part, open)
     if kind == BALL:
-        return near_ball(row, part, open, hits)
+        return near_ball(row, part, 0, open)
     if kind == CYLINDER:
-        return near_cylinder(row, part, open, hits)
+        return near_cylinder(row, part, open)
     if kind == CONE:
-        return near_cone(row, part, open, hits)
+        return near_cone(row, part, open)
     if kind == HALF_SPACE:
-        return near_half_space(row, part, open, hits)
-    if surely:
-        return surely_touches_polytope(row, part, planes, open, hits)
-    return near_polytope(row, part, planes, open, hits)
+        return near_half_space(row, part, open)
+    return near_polytope(row, part, planes, surely, open, hits)

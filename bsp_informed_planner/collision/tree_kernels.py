@@ -23,17 +23,15 @@ from bsp_informed_planner.compiled import kernel
 STACK_RESERVE = 512
 
 
-@kernel(inline="always")
-def close_lanes(open: Lanes, hits: Lanes) -> int:
-    """Closes the lanes that were hit. Returns how many are still open."""
-    left = np.int32(0)
+@kernel(forceinline=True, **FAST)
+def count_open(open: Lanes) -> int:
+    total = np.int32(0)
     for k in range(LANES):
-        open[k] &= ~hits[k]
-        left += open[k]
-    return left
+        total += open[k]
+    return total
 
 
-@kernel(inline="always")
+@kernel(forceinline=True, **FAST)
 def push_children(stack: Indices, height: int, ends: Indices, node: int, other: int, first: bool) -> int:
     """Pairs of each child of a node with another node; `first`: children come first in the pair."""
     child = node + 1
@@ -45,7 +43,7 @@ def push_children(stack: Indices, height: int, ends: Indices, node: int, other: 
     return height
 
 
-@kernel(fastmath=FAST)
+@kernel(**FAST)
 def group_near_obstacles(
     group: int,
     robot: RobotBounds,
@@ -84,22 +82,29 @@ def group_near_obstacles(
             else:
                 height = push_children(stack, height, tree.ends, node, body, True)
         else:
-            if near_part(row, kind, obstacles.parts[body], obstacles.planes, surely and leaf, open, hits) == 0:
+            part, planes = obstacles.parts[body], obstacles.planes
+            if near_part(row, kind, part, planes, surely and leaf, open, hits) == 0:
                 continue
             if leaf:
-                if close_lanes(open, hits) == 0 or stop:
+                if stop:
+                    return True
+                for k in range(LANES):
+                    if open[k] == 1 and near_part(row, kind, part, planes, surely, scratch.lane[k], hits) > 0:
+                        open[k] = 0
+                if count_open(open) == 0:
                     return True
             else:
                 height = push_children(stack, height, tree.ends, node, body, True)
         if height > stack.shape[0] - STACK_RESERVE:
             if surely:
                 return False
-            open[:] = 0
+            for k in range(LANES):
+                open[k] = 0
             return True
     return False
 
 
-@kernel(fastmath=FAST)
+@kernel(**FAST)
 def groups_touch(
     first: int,
     second: int,
@@ -114,7 +119,7 @@ def groups_touch(
     stop: bool,
 ) -> bool:
     """Closes the lanes in which spheres of two groups hit each other; see `group_near_obstacles`."""
-    stack, open, hits, relative = scratch.stack, scratch.open, scratch.hits, scratch.relative
+    stack, open = scratch.stack, scratch.open
     frame_a, frame_b = scratch.frames[robot.joints[first]], scratch.frames[robot.joints[second]]
     slack_a, slack_b = scratch.slack[first], scratch.slack[second]
     bend_a, bend_b = scratch.bend[first], scratch.bend[second]
@@ -133,11 +138,16 @@ def groups_touch(
             place_sphere(frame_b, tree.spheres[b], margin, slack_b, bend_b, swept, row_b)
         radius_a, radius_b = tree.spheres[a, 3], tree.spheres[b, 3]
         radii = radius_a + radius_b + slack_a + slack_b
-        if spheres_touch(row_a, row_b, radii, bend_a + bend_b, swept, relative, open, hits) == 0:
+        if spheres_touch(row_a, row_b, radii, bend_a + bend_b, swept, open) == 0:
             continue
         leaf_a, leaf_b = tree.ends[a] == a + 1, tree.ends[b] == b + 1
         if leaf_a and leaf_b:
-            if close_lanes(open, hits) == 0 or stop:
+            if stop:
+                return True
+            for k in range(LANES):
+                if open[k] == 1 and spheres_touch(row_a, row_b, radii, bend_a + bend_b, swept, scratch.lane[k]) > 0:
+                    open[k] = 0
+            if count_open(open) == 0:
                 return True
         elif leaf_b or (not leaf_a and radius_a >= radius_b):
             height = push_children(stack, height, tree.ends, a, b, True)
@@ -146,7 +156,8 @@ def groups_touch(
         if height > stack.shape[0] - STACK_RESERVE:
             if surely:
                 return False
-            open[:] = 0
+            for k in range(LANES):
+                open[k] = 0
             return True
     return False
 
@@ -181,9 +192,7 @@ def close_hit_lanes(
         whether any lane was closed.
     """
     scratch.clock[0] += 1
-    before = np.int32(0)
-    for k in range(LANES):
-        before += scratch.open[k]
+    before = count_open(scratch.open)
     ended = False
     if obstacles.kinds.shape[0] > 0:
         for group in range(robot.joints.shape[0]):
@@ -200,7 +209,4 @@ def close_hit_lanes(
                 ended = groups_touch(a, b, robot, tree, margin, scratch, rows, ages, swept, surely, stop)
                 if ended:
                     break
-    after = np.int32(0)
-    for k in range(LANES):
-        after += scratch.open[k]
-    return after < before
+    return ended or count_open(scratch.open) < before
