@@ -71,6 +71,7 @@ class PreparedPlan:
         options: of the plan.
         seed: of its generator.
         judges: the last check, with bounds, one for each thread.
+        checks_before: what the judges had checked before.
         budget, search: what it spends, and how.
     """
 
@@ -79,6 +80,7 @@ class PreparedPlan:
     options: PlanOptions
     seed: int
     judges: tuple[CertifyingChecker, ...]
+    checks_before: int
     budget: Budget
     search: Search
 
@@ -154,6 +156,8 @@ class Planner:
         self._checkers = {0.0: ExactChecker(robot, scene)}
         self._collision_bounds = bounds_of(robot)
         self._checks = {0.0: self._collision_bounds.checks(scene)}
+        # Judges that no plan uses at the moment, by padding and resolution: one takes milliseconds to make.
+        self._idle: dict[tuple[float, float], list[CertifyingChecker]] = {}
 
     @property
     def decomposition(self) -> Decomposition:
@@ -195,6 +199,21 @@ class Planner:
         checker = self.checker(padding)
         finest = default_search_resolution(self.robot) / 96.0 if finest is None else finest
         return CertifyingChecker(checker, finest, self._bounds(padding))
+
+    def _judge(self, padding: float, finest: float) -> CertifyingChecker:
+        """A judge that nobody else uses; `_release` gives it back."""
+        with self._lock:
+            idle = self._idle.get((padding, finest))
+            if idle:
+                return idle.pop()
+        return self.judge(padding, finest)
+
+    def _release(self, plan: PreparedPlan) -> None:
+        key = (plan.options.padding, plan.search.verification_resolution)
+        with self._lock:
+            if len(self._idle) > MAX_CHECKERS:
+                self._idle.clear()
+            self._idle[key] = [*self._idle.get(key, []), *plan.judges][:MAX_CHECKERS]
 
     def plan(
         self,
@@ -252,10 +271,11 @@ class Planner:
             require_room("max_samples", options.max_samples, self.robot.dof)
         search = Search(self.robot, options, budget, seed, on_progress)
         search.report("validating")
-        judges = tuple(self.judge(options.padding, search.verification_resolution) for _ in range(options.threads))
+        judges = tuple(self._judge(options.padding, search.verification_resolution) for _ in range(options.threads))
+        before = sum(judge.checks for judge in judges)
         start = free_state(self.robot, judges[0], "start", problem.start)
         goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals)
-        return PreparedPlan(start, goals, options, seed, judges, budget, search)
+        return PreparedPlan(start, goals, options, seed, judges, before, budget, search)
 
     def guide(self, plan: PreparedPlan) -> Guidance:
         """Guidance as the plan's options ask for, or uniform with the reason why not."""
@@ -281,6 +301,12 @@ class Planner:
         Raises:
             PlanningTimeoutError, SamplesExhaustedError, PlanningCancelledError: see `plan`.
         """
+        try:
+            return self._solved(plan, guidance)
+        finally:
+            self._release(plan)
+
+    def _solved(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         options, budget, search = plan.options, plan.budget, plan.search
 
         def fitting() -> Guidance:
@@ -363,7 +389,7 @@ class Planner:
             valid_samples=search.budget.valid_samples,
             nodes=search.nodes,
             edges_checked=search.budget.edges_checked,
-            exact_checks=sum(judge.checks for judge in plan.judges),
+            exact_checks=sum(judge.checks for judge in plan.judges) - plan.checks_before,
             cells=0 if decomposition is None else decomposition.cell_count,
             portals=0 if decomposition is None else decomposition.portal_count,
             candidates=0 if decomposition is None else decomposition.candidate_count,

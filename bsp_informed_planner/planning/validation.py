@@ -15,6 +15,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PoseGoal
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.robots.windings import closest_windings
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: How far beyond a limit a joint may be without being refused [rad or m]: encoders and rounding.
@@ -121,23 +122,15 @@ def _pose_configurations(
     branches = robot.inverse_kinematics(goal.pose, goal.frame)
     if not len(branches):
         raise UnreachablePoseError(goal.pose.position.tolist(), goal.frame or robot.tool_frame)
-    free = []
-    bodies: tuple[str, str] | None = None
-    for branch in branches:
-        found = checker.colliding_bodies(branch)
-        if found is None:
-            free.append(branch)
-        else:
-            bodies = bodies or found
-    if not free:
+    free = branches[[checker.is_free(branch) for branch in branches]]
+    if not len(free):
+        bodies = checker.colliding_bodies(branches[0])
         assert bodies is not None
         raise StateInCollisionError("goal", bodies)
     # A whole turn leaves the robot where it was, so windings need no check of their own. The nearest winding of every
     # branch comes before the second of any: branches differ in how they can be reached, windings seldom do.
-    ranked: list[tuple[int, float, FloatArray]] = []
-    for branch in free:
-        wound = robot.windings(branch)
-        distances = np.linalg.norm(wound - start, axis=1)
-        ranked += [(rank, distances[i], wound[i]) for rank, i in enumerate(np.argsort(distances)[:max_goals])]
-    ranked.sort(key=lambda entry: entry[:2])
-    return [configuration for _, _, configuration in ranked[:max_goals]]
+    wound, distances = closest_windings(free, robot.lower, robot.upper, robot.revolute, start, max_goals)
+    ranks = np.broadcast_to(np.arange(wound.shape[1]), distances.shape)
+    order = np.lexsort((distances.ravel(), ranks.ravel()))
+    order = order[np.isfinite(distances.ravel()[order])][:max_goals]
+    return list(wound.reshape(-1, robot.dof)[order])
