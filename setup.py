@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,12 +13,15 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     description="Sampling-based motion planning informed by binary space partitioning, with ROS 2 nodes",
+    long_description=(Path(__file__).resolve().parent / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="bsp_informed_planner maintainers",
     maintainer_email="maintainers@example.org",
     python_requires=">=3.10,<3.14",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    # Weights of networks, with their cards, lie beside the modules that load them.
+    package_data={PACKAGE: ["py.typed", "**/*.safetensors", "**/*.json", "**/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -98,7 +98,7 @@ def test_decompose_counts_and_draws(maze_file: Path, tmp_path: Path) -> None:
     assert len(content["candidate_points"]) == content["candidates"]
 
 
-@pytest.mark.parametrize("command", ["demo", "nodes", "plan", "decompose"])
+@pytest.mark.parametrize("command", ["demo", "nodes", "plan", "decompose", "collect"])
 def test_every_command_explains_itself(command: str) -> None:
     result = runner.invoke(app, [command, "--help"], env={"COLUMNS": "200"})
     assert result.exit_code == 0

@@ -20,6 +20,7 @@ from bsp_informed_planner.decomposition.graph import (
     cells_along,
     has_line_of_sight,
     shortest_chain,
+    visits_along,
 )
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import KeypointsUnavailableError
@@ -282,6 +283,28 @@ def test_a_path_that_returns_shows_its_cell_twice() -> None:
     assert cells_along(decomposition, np.array([here, here])).tolist() == [cells[0]]
     with pytest.raises(ValueError, match="expected"):
         cells_along(decomposition, here)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 10))
+def test_visits_begin_where_the_polyline_enters_their_cells(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    decomposition = decompose(boxes_scene(rng, count, size=0.9))
+    polyline = rng.uniform(-1.2, 1.2, (5, 3))
+    cells, begins = visits_along(decomposition, polyline)
+    assert cells.tolist() == cells_along(decomposition, polyline).tolist()
+    assert begins[0] == 0.0
+    assert (np.diff(begins) >= 0.0).all()
+    # Between where one visit begins and the next, its cell is the one that is there.
+    for cell, first, last in zip(cells, begins, [*begins[1:], 4.0], strict=True):
+        position = 0.5 * (first + last)
+        segment = min(int(position), 3)
+        point = polyline[segment] + (position - segment) * (polyline[segment + 1] - polyline[segment])
+        if int(first) == int(last - 1e-12) and last - first > 1e-5:
+            assert decomposition.locate(point[None])[0] == cell
+    long, _ = visits_along(decomposition, polyline, shortest=0.3)
+    assert set(long) <= set(cells)
+    assert len(long) <= len(cells)
 
 
 def test_chains_visit_their_cells() -> None:

@@ -26,7 +26,7 @@ from bsp_informed_planner.decomposition.clearance_kernels import clearances
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.facets import read_facets
 from bsp_informed_planner.decomposition.graph import shortest_chain
-from bsp_informed_planner.decomposition.incremental import IncrementalDecomposer, same_obstacle
+from bsp_informed_planner.decomposition.incremental import IncrementalDecomposer
 from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
 from bsp_informed_planner.errors import InvalidObstacleError, InvalidOptionError
 from bsp_informed_planner.scene.diff import ObstacleOperation, SceneDiff, apply
@@ -271,15 +271,6 @@ def test_equal_obstacles_are_recognised() -> None:
     for _ in range(2):
         decomposer.decompose(boxes_scene(np.random.default_rng(0), 10))
     assert decomposer.replaced_cells == 0
-    one, other = (
-        Obstacle("o", ((shape, Pose.identity()),), Pose.from_xyz_rpy([x, 0.0, 0.0]))
-        for shape, x in ((Sphere(0.1), 0.0), (Sphere(0.1), 1e-9))
-    )
-    assert not same_obstacle(one, other)
-    assert same_obstacle(one, Obstacle.of("o", Sphere(0.1)))
-    assert not same_obstacle(one, Obstacle.of("o", Sphere(0.2)))
-    assert not same_obstacle(one, Obstacle.of("o", Box(np.full(3, 0.1))))
-    assert not same_obstacle(one, Obstacle("o", one.shapes + one.shapes))
 
 
 def test_the_last_obstacle_goes_and_a_first_one_comes() -> None:

@@ -24,7 +24,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions, PlanResult, PoseGoal
 from bsp_informed_planner.planning.path import interpolate, path_length
-from bsp_informed_planner.planning.problem import PLANNER_IDS
+from bsp_informed_planner.planning.problem import OMPL_PLANNER_IDS, PLANNER_IDS
 from bsp_informed_planner.planning.search import sampling_bounds
 from bsp_informed_planner.planning.shelf_problem import random_shelf_problem
 from bsp_informed_planner.planning.verification import CertifyingChecker
@@ -37,6 +37,7 @@ from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import Box
 
+OWN_PLANNER_IDS = [planner_id for planner_id in PLANNER_IDS if planner_id not in OMPL_PLANNER_IDS]
 FIRST = PlanOptions(allowed_seconds=10.0, first_solution=True, seed=1)
 
 
@@ -79,7 +80,7 @@ def test_mazes_are_solved(seed: int) -> None:
     assert np.array_equal(result.path[0], problem.start)
 
 
-@pytest.mark.parametrize("planner_id", PLANNER_IDS)
+@pytest.mark.parametrize("planner_id", OWN_PLANNER_IDS)
 @pytest.mark.parametrize("sampler_id", ["keypoint_tube", "uniform"])
 def test_every_planner_and_sampler(planner_id: str, sampler_id: str) -> None:
     planner, problem = maze_problem(3)
@@ -158,7 +159,7 @@ def walled_in() -> tuple[Planner, PlanningProblem]:
     return planner, PlanningProblem(np.array([0.1, 0.5]), [JointGoal(np.array([0.9, 0.5]))])
 
 
-@pytest.mark.parametrize("planner_id", PLANNER_IDS)
+@pytest.mark.parametrize("planner_id", OWN_PLANNER_IDS)
 def test_nothing_found_within_the_time(planner_id: str) -> None:
     planner, problem = walled_in()
     begin = time.monotonic()

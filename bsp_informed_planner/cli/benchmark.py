@@ -17,7 +17,7 @@ SeedOption = Annotated[int, typer.Option(help="Of all random cases.", min=0)]
 OutOption = Annotated[
     Path | None, typer.Option(help="Folder of the results; default: out/benchmark-NAME. A rerun continues there.")
 ]
-WorkersOption = Annotated[int, typer.Option(help="Processes for parts that are no times.", min=1)]
+WorkersOption = Annotated[int, typer.Option(help="Processes for parts that need not run alone.", min=1)]
 
 
 @app.callback()
@@ -34,6 +34,18 @@ def decomposition(
     from bsp_informed_planner.benchmarks.decomposition.benchmark import decomposition_benchmark
 
     benchmark = decomposition_benchmark(quick)
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+
+
+@app.command()
+def planning(
+    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
+) -> None:
+    """Planning: first verified paths and costs of an arm, against OMPL's planners and two controls."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.planning.benchmark import planning_benchmark
+
+    benchmark = planning_benchmark(quick)
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
 
 

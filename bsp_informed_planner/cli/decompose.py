@@ -9,18 +9,27 @@ from pathlib import Path
 
 import typer
 
+from bsp_informed_planner.cli.output_files import prepare_output
+from bsp_informed_planner.cli.pages import open_viewer, serve
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.scene.moveit_yaml import load_scene
+from bsp_informed_planner.scene.outside import outside_warning
 
 
-def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Path | None) -> int:
-    """Decompose a scene file, print, draw. Returns the exit status."""
+def run_decompose(
+    path: Path, dimension: int, grid: int, as_json: bool, png: Path | None, page: tuple[str, int] | None = None
+) -> int:
+    """Decompose a scene file, print, draw, serve a page at a host and port. Returns the exit status."""
     if grid % 2 == 0:
         raise InvalidOptionError("--grid", grid, "an odd number, so that the centre of each portal is a candidate")
     scene = load_scene(path)
+    prepare_output("--png", png)
+    warning = outside_warning(scene)
+    if warning:
+        typer.echo(f"warning: {warning}", err=True)
     # Loading kernels is not what the times are about.
     ensure_compiled()
     result = decompose(scene, DecompositionOptions(dimension=dimension, grid=grid))
@@ -50,6 +59,7 @@ def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Pat
         content = {
             **counts,
             **timings,
+            "warnings": [warning] if warning else [],
             "cells": cells,
             "portals_of_cells": portals,
             "candidate_points": result.candidates.tolist(),
@@ -68,4 +78,10 @@ def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Pat
 
         draw_decomposition(png, scene, result)
         typer.echo(f"picture: {png}", err=True)
+    if page is not None:
+        from bsp_informed_planner.visualization.viewer.decomposition_page import show_decomposition
+
+        with open_viewer(f"{path.name}: cells, portals, keypoints", *page) as viewer:
+            show_decomposition(viewer, scene, result)
+            serve(viewer)
     return 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -29,7 +31,12 @@ class EnclosedObstacles:
     """
 
     def __init__(
-        self, model: pin.Model, collision_model: pin.GeometryModel, links: list[int], obstacles: list[int]
+        self,
+        model: pin.Model,
+        collision_model: pin.GeometryModel,
+        links: list[int],
+        obstacles: list[int],
+        may_touch: Callable[[int, int], bool] = lambda link, obstacle: False,
     ) -> None:
         """
         Args:
@@ -37,6 +44,7 @@ class EnclosedObstacles:
             collision_model: holds the robot's geometry and the obstacles.
             links: indices of the robot's moving geometries.
             obstacles: indices of the obstacles' geometries, which are solid and fixed in the root frame.
+            may_touch: whether a link may touch an obstacle, and so hold it inside.
         """
         self._model = model
         self._collision_model = collision_model
@@ -71,6 +79,8 @@ class EnclosedObstacles:
                 self._points[obstacle] = placement.translation[None]
             index = self._add(f"obstacle/{obstacle}", 0, placement, probe)
             for link in fitting:
+                if may_touch(link, obstacle):
+                    continue
                 if link not in boxes:
                     boxes[link] = self._add_box(link)
                 self._probes.addCollisionPair(pin.CollisionPair(boxes[link], index))

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from bsp_informed_planner.collision.enclosure import EnclosedObstacles
 from bsp_informed_planner.collision.geometry import add_scene, create_geometry_data
+from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
@@ -24,7 +25,8 @@ class ExactChecker:
     """Judges configurations and edges on the geometry itself. See `CollisionChecker`.
 
     Checked are the robot's own pairs of links and every moving link against every obstacle. Not checked are links
-    that no joint moves (the base stands on something) and obstacles among each other (objects stand on boards).
+    that no joint moves (the base stands on something), obstacles among each other (objects stand on boards), and pairs
+    that the scene allows to touch. Bodies that the robot holds count as links (`robot_in_scene`).
     Touching counts as collision.
 
     A broadphase of bounding boxes precedes the narrow phase. It is Pinocchio's naive one on purpose: with coal 3.0
@@ -33,7 +35,7 @@ class ExactChecker:
     Edges are checked at discrete states. An obstacle, or a gap, thinner than the resolution may slip between two.
 
     Attributes:
-        robot: whose configurations are checked.
+        robot: whose configurations are checked, with what it holds in the scene.
         scene: its obstacles, given in the robot's root frame.
         resolution: no point of the robot moves further from one checked state of an edge to the next, by default [m].
         padding: distance that links have to keep from obstacles, but not from each other [m].
@@ -51,6 +53,7 @@ class ExactChecker:
         _require_positive("resolution", resolution)
         if not 0.0 <= padding < math.inf:
             raise InvalidOptionError("padding", padding, "a distance of at least 0 m")
+        robot = robot_in_scene(robot, scene)
         self.robot = robot
         self.scene = scene
         self.resolution = float(resolution)
@@ -65,9 +68,15 @@ class ExactChecker:
             self._bodies.append(obstacle_id)
             self._obstacles.append(index)
             for link in self._moving:
-                self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
+                if not self._may_touch(link, index):
+                    self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
         self._create_scratch()
-        self._enclosed = EnclosedObstacles(self._model, self.collision_model, self._moving, self._obstacles)
+        self._enclosed = EnclosedObstacles(
+            self._model, self.collision_model, self._moving, self._obstacles, self._may_touch
+        )
+
+    def _may_touch(self, link: int, obstacle: int) -> bool:
+        return frozenset((self._bodies[link], self._bodies[obstacle])) in self.scene.allowed_collisions
 
     def _create_scratch(self) -> None:
         """All that must not be shared between threads."""

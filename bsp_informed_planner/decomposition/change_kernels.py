@@ -6,10 +6,10 @@ import numpy as np
 
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
-from bsp_informed_planner.decomposition.bsp_kernels import ENTERED, KEPT, REPLACED
 from bsp_informed_planner.decomposition.cell_kernels import cells_of_body
 from bsp_informed_planner.decomposition.clipping_kernels import BOUNDS_PLANES
 from bsp_informed_planner.decomposition.facet_kernels import OF_FACET, OF_PARTITION, UNUSED
+from bsp_informed_planner.decomposition.fate_kernels import ENTERED, KEPT, REPLACED
 from bsp_informed_planner.decomposition.portal_kernels import ANY
 
 

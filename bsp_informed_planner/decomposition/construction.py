@@ -14,10 +14,11 @@ from bsp_informed_planner.decomposition.assembly_kernels import (
     candidates_of_portals,
     portals_of_tree,
 )
-from bsp_informed_planner.decomposition.bsp_kernels import REPLACED, build_tree
+from bsp_informed_planner.decomposition.bsp_kernels import build_tree
 from bsp_informed_planner.decomposition.change_kernels import fates_of_nodes
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.facets import PartitionFacets, partition_facets
+from bsp_informed_planner.decomposition.fate_kernels import REPLACED
 from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
 from bsp_informed_planner.scene.scene import WorkspaceBounds
 

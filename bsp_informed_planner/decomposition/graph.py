@@ -126,13 +126,30 @@ def cells_along(decomposition: Decomposition, polyline: ArrayLike) -> Indices:
         (c,) cells; -1 stands for a stretch outside the workspace. A path that returns to a cell that it has left
         shows it twice.
     """
+    return visits_along(decomposition, polyline)[0]
+
+
+def visits_along(
+    decomposition: Decomposition, polyline: ArrayLike, shortest: float = SHORTEST_VISIT
+) -> tuple[Indices, Floats]:
+    """The cells that a polyline passes through, and where it enters each.
+
+    Args:
+        decomposition: of the workspace.
+        polyline: (m, 3) points [m], m of at least 1.
+        shortest: visits of less length are left out [m].
+
+    Returns:
+        the cells (c,) as of `cells_along`, and the positions (c,) at which they are entered: position 2.25 is a quarter
+        of the way from point 2 to point 3.
+    """
     points = np.ascontiguousarray(polyline, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise ValueError(f"polyline of shape {points.shape}: expected (m, 3)")
     if len(points) == 1:
-        return decomposition.locate(points)
+        return decomposition.locate(points), np.zeros(1)
     bounds = decomposition.bounds
-    return polyline_cells(points, *decomposition.tree, bounds.lower, bounds.upper, SHORTEST_VISIT)
+    return polyline_cells(points, *decomposition.tree, bounds.lower, bounds.upper, shortest)
 
 
 def has_line_of_sight(decomposition: Decomposition, start: ArrayLike, end: ArrayLike) -> bool:

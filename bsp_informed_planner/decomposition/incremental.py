@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import fields, replace
-from operator import itemgetter
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from bsp_informed_planner.decomposition.decomposition import Decomposition, deco
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.facets import decomposed_bounds, read_facets
 from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
+from bsp_informed_planner.decomposition.scene_comparison import same_obstacles
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 
 
@@ -114,16 +113,16 @@ class IncrementalDecomposer:
         """Obstacles that are new or changed; the numbers of the others; numbers of what is gone."""
         numbers = dict(self._numbers)
         changed: list[Obstacle] = []
-        gone: list[int] = []
-        # Most are the same objects, which sets tell at once. The order of sets is nobody's business.
-        others: set[tuple[str, Obstacle]] = scene.obstacles.items() - self._obstacles.items()
-        for name, obstacle in sorted(others, key=itemgetter(0)):
+        pairs: list[tuple[Obstacle, Obstacle]] = []
+        for name, obstacle in scene.obstacles.items():
             before = self._obstacles.get(name)
-            if before is not None:
-                if same_obstacle(before, obstacle):
-                    continue
-                gone.append(numbers[name])
-            changed.append(obstacle)
+            if before is None:
+                changed.append(obstacle)
+            elif before is not obstacle:
+                pairs.append((before, obstacle))
+        differing = [obstacle for (_, obstacle), same in zip(pairs, same_obstacles(pairs), strict=True) if not same]
+        gone = [numbers[obstacle.id] for obstacle in differing]
+        changed += differing
         gone.extend(numbers.pop(name) for name in self._obstacles.keys() - scene.obstacles.keys())
         return changed, numbers, gone
 
@@ -140,22 +139,3 @@ class IncrementalDecomposer:
             self._changes, self._leaves = 0, construction.leaf_count
         else:
             self._changes += changes
-
-
-def same_obstacle(first: Obstacle, second: Obstacle) -> bool:
-    """Whether two obstacles have equal shapes at equal poses."""
-    return (
-        first.pose == second.pose
-        and len(first.shapes) == len(second.shapes)
-        and all(
-            one_pose == other_pose and _same_fields(one, other)
-            for (one, one_pose), (other, other_pose) in zip(first.shapes, second.shapes, strict=True)
-        )
-    )
-
-
-def _same_fields(first: Any, second: Any) -> bool:
-    return type(first) is type(second) and (
-        first is second
-        or all(np.array_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
-    )

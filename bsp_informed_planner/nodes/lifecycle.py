@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -16,10 +19,16 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.errors import BspPlannerError, NodeInactiveError
+from bsp_informed_planner.nodes.parameters import NodeParameters, ParameterSet, declare
 
 logger = logging.getLogger(__name__)
 
+T = TypeVar("T", bound=NodeParameters)
+
+#: Between two messages on `diagnostics` [s], whatever time the simulation says.
 DIAGNOSTICS_PERIOD = 1.0
+#: How long an error makes diagnostics a warning [s].
+ERROR_SECONDS = 30.0
 
 
 class PlannerSuiteNode(LifecycleNode):
@@ -37,9 +46,10 @@ class PlannerSuiteNode(LifecycleNode):
         super().__init__(name, **options)
         self._is_serving = False
         self._last_error = ""
+        self._last_error_time = 0.0
         self._resources = ExitStack()
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self.declare_parameter("autostart", True)
+        declare(self, NodeParameters, "autostart")
 
     # --- for subclasses ---
 
@@ -50,6 +60,16 @@ class PlannerSuiteNode(LifecycleNode):
             BspPlannerError: with a sentence; the node then stays unconfigured.
         """
         raise NotImplementedError
+
+    def follow_parameters(self, kind: type[T], on_change: Callable[[T], None] | None = None) -> ParameterSet[T]:
+        """Declare and read the node's parameters, and follow their changes until it is cleaned up.
+
+        Raises:
+            InvalidOptionError, UnknownParameterError: see `ParameterSet`.
+        """
+        parameters = ParameterSet(self, kind, on_change)
+        self.release_with(parameters.close)
+        return parameters
 
     def release_with(self, release: Callable[..., object], *arguments: object) -> None:
         """Call this when the node is cleaned up, after what was registered later."""
@@ -67,6 +87,7 @@ class PlannerSuiteNode(LifecycleNode):
     def note_error(self, message: str) -> None:
         """Log a failure and keep it for diagnostics."""
         self._last_error = message
+        self._last_error_time = time.monotonic()
         self.get_logger().error(message)
 
     # --- lifecycle ---
@@ -90,7 +111,9 @@ class PlannerSuiteNode(LifecycleNode):
                 logger.debug("while configuring", exc_info=error)
             self._resources.close()
             return TransitionCallbackReturn.FAILURE
-        timer = self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        timer = self.create_timer(
+            DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self.release_with(self.destroy_timer, timer)
         return super().on_configure(state)
 
@@ -126,12 +149,16 @@ class PlannerSuiteNode(LifecycleNode):
 
     def _publish_diagnostics(self) -> None:
         status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id="bsp_informed_planner")
-        if self._last_error:
+        age = time.monotonic() - self._last_error_time
+        if self._last_error and age < ERROR_SECONDS:
             status.level, status.message = DiagnosticStatus.WARN, self._last_error
         else:
             status.level = DiagnosticStatus.OK
             status.message = "active" if self._is_serving else "inactive"
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in self.diagnostic_values().items()]
+        values = self.diagnostic_values()
+        if self._last_error:
+            values = {**values, "last_error": self._last_error, "last_error_age_seconds": round(age, 1)}
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)

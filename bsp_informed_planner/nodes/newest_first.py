@@ -15,10 +15,12 @@ class NewestFirstWorker(Generic[T]):
     Args:
         work: called in the thread with one item at a time; must not raise.
         name: of the thread.
+        pause: least time between the end of one item and the beginning of the next [s].
     """
 
-    def __init__(self, work: Callable[[T], None], name: str) -> None:
+    def __init__(self, work: Callable[[T], None], name: str, pause: float = 0.0) -> None:
         self._work = work
+        self._pause = pause
         self._changed = threading.Condition()
         self._pending: list[T] = []
         self._stopping = False
@@ -48,3 +50,6 @@ class NewestFirstWorker(Generic[T]):
                     return
                 item = self._pending.pop()
             self._work(item)
+            if self._pause:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._stopping, self._pause)

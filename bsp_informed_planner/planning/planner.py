@@ -12,6 +12,7 @@ import numpy as np
 
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.collision.temporary import bounds_of
 from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.compile_kernels import ensure_compiled
@@ -28,8 +29,11 @@ from bsp_informed_planner.errors import (
     UnknownPlannerError,
     UnknownSamplerError,
 )
+from bsp_informed_planner.ompl_workers.process import OmplWorkers, require_ompl
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.ompl_search import OmplPathSearch
 from bsp_informed_planner.planning.problem import (
+    OMPL_PLANNER_IDS,
     PLANNER_IDS,
     SAMPLER_IDS,
     CostHistory,
@@ -108,14 +112,16 @@ class Planner:
     collision checker and a generator of its own.
 
     Args:
-        robot: the robot.
+        robot: the robot, without what it holds in the scene.
         scene: what to keep clear of, in the robot's root frame.
         decomposition: of this scene; None: made when first needed.
         guide_options: how keypoints are lifted to configurations.
         decomposition_options: used when the decomposition is made here; None: of the robot's workspace dimension.
+        ompl_workers: processes for OMPL's planners, of this robot, which planners of other scenes may share; None: of
+            its own, started when first needed.
 
     Raises:
-        UnknownFrameError: if the scene is not given in the root frame of the robot.
+        UnknownFrameError: if the scene is not given in the root frame of the robot, or attaches to an unknown link.
         RobotDescriptionError: if the robot has no collision geometry.
         InvalidOptionError: if the decomposition is of another scene, or of another dimension than the robot's.
         SceneError: if a shape of an obstacle has no volume.
@@ -135,6 +141,7 @@ class Planner:
         decomposition: Decomposition | None = None,
         guide_options: KeypointGuideOptions | None = None,
         decomposition_options: DecompositionOptions | None = None,
+        ompl_workers: OmplWorkers | None = None,
     ) -> None:
         if scene.frame != robot.root_frame:
             raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
@@ -147,14 +154,15 @@ class Planner:
                     "decomposition", of, f"dimension {robot.workspace_dimension}, frame and revision of the scene"
                 )
         ensure_compiled()
-        self.robot = robot
+        self.robot = robot_in_scene(robot, scene)
         self.scene = scene
         self._decomposition = decomposition
         self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
         self._guide_options = guide_options
+        self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
-        self._checkers = {0.0: ExactChecker(robot, scene)}
-        self._collision_bounds = bounds_of(robot)
+        self._checkers = {0.0: ExactChecker(self.robot, scene)}
+        self._collision_bounds = bounds_of(self.robot)
         self._checks = {0.0: self._collision_bounds.checks(scene)}
         # Judges that no plan uses at the moment, by padding and resolution: one takes milliseconds to make.
         self._idle: dict[tuple[float, float], list[CertifyingChecker]] = {}
@@ -239,6 +247,7 @@ class Planner:
             PlanningTimeoutError, SamplesExhaustedError: no verified path with the time or samples allowed.
             TrajectoryTimingError: a path, but no timing of it.
             PlanningCancelledError: the caller has cancelled.
+            MissingPackageError, PlannerProcessError: OMPL is not installed, or its process failed.
         """
         plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
         return self.solve(plan, (lambda: self.guide(plan)) if guidance is None else guidance)
@@ -256,10 +265,16 @@ class Planner:
         Raises:
             UnknownPlannerError, UnknownSamplerError, ProblemError, PlanningCancelledError: see `plan`.
             InvalidOptionError: for more samples than memory allows, or cost weights of other joints than the robot's.
+            InvalidOptionError: `max_samples` for one of OMPL's planners, whose samples cannot be counted.
+            MissingPackageError: OMPL is not installed.
         """
         options = options or PlanOptions()
         if options.planner_id not in PLANNER_IDS:
             raise UnknownPlannerError(options.planner_id, PLANNER_IDS)
+        if options.planner_id in OMPL_PLANNER_IDS:
+            require_ompl(options.planner_id)
+            if options.max_samples is not None:
+                raise InvalidOptionError("max_samples", options.max_samples, f"none for '{options.planner_id}'")
         if options.sampler_id not in SAMPLER_IDS:
             raise UnknownSamplerError(options.sampler_id, SAMPLER_IDS)
         seed = secrets.randbits(32) if options.seed is None else options.seed
@@ -281,6 +296,8 @@ class Planner:
         """Guidance as the plan's options ask for, or uniform with the reason why not."""
         if plan.options.sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
             return Guidance("uniform")
+        if plan.options.planner_id in OMPL_PLANNER_IDS:
+            return Guidance("uniform", fallback_reason="OMPL's planners take no samples but their own")
         plan.search.report("guidance")
         try:
             guide = ExactKeypointGuide(self.robot, self.decomposition, self._guide_options)
@@ -312,7 +329,10 @@ class Planner:
         def fitting() -> Guidance:
             return _fitting(guidance if isinstance(guidance, Guidance) else guidance(), plan)
 
-        path = search.run(list(plan.judges), plan.start, plan.goals, fitting)
+        if options.planner_id in OMPL_PLANNER_IDS:
+            path = self._ompl_path(plan)
+        else:
+            path = search.run(list(plan.judges), plan.start, plan.goals, fitting)
         if path is None:
             if budget.samples_left <= 0:
                 raise SamplesExhaustedError(budget.samples)
@@ -335,6 +355,12 @@ class Planner:
             scene_revision=self.scene.revision,
             statistics=self._statistics(plan, used),
         )
+
+    def _ompl_path(self, plan: PreparedPlan) -> FloatArray | None:
+        """(m, n) a verified path, or None when the budget is spent without."""
+        rng = np.random.default_rng(plan.seed)
+        ompl = OmplPathSearch(self.ompl_workers, self.robot, self.scene, plan.options, plan.search, rng)
+        return ompl.run(plan.judges[0], plan.start, plan.goals)
 
     def _timed(self, path: FloatArray, judge: CertifyingChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
         """Time a verified path, its corners as round as they can be while it stays certified, if the path is.

@@ -11,6 +11,7 @@ import numpy as np
 
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
+from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_search_resolution
 from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, Problem, Worker
@@ -105,6 +106,10 @@ class Search:
         if self._on_progress is not None:
             best = self.incumbent.cost if self.incumbent.path is not None else None
             self._on_progress(Progress(phase, self.budget.elapsed, best, self.budget.samples))
+
+    def length(self, path: FloatArray) -> float:
+        """Cost of a path (m, n)."""
+        return path_length(path, self.incumbent.weights)
 
     def record(self, path: FloatArray, phase: str = "improving") -> bool:
         """Take a verified path (m, n), if it is the best so far. Returns whether it is."""

@@ -27,6 +27,11 @@ class InverseKinematics(Protocol):
 
     chain: KinematicChain
 
+    @property
+    def method(self) -> str:
+        """In words."""
+        ...
+
     def solve(self, target: FloatArray, rng: np.random.Generator | None = None) -> FloatArray:
         """All solutions found for a pose (4, 4) of the frame: (k, m) values of the chain's joints within the limits."""
         ...
@@ -53,6 +58,7 @@ class AnalyticInverseKinematics:
     def __init__(self, model: pin.Model, frame_id: int, chain: KinematicChain, eaik_robot: Any) -> None:
         """Use `build`."""
         self.chain = chain
+        self.method = f"closed form (EAIK, {eaik_robot.get_kinematic_family()})"
         self._solve = eaik_robot.calculate_IK
         self._to_eaik = _to_eaik(model, frame_id)
         self._detours = _detours()

@@ -29,6 +29,7 @@ class NumericalInverseKinematics:
             max_solutions: at most so many solutions are returned.
         """
         self.chain = chain
+        self.method = f"numerical (damped least squares from {seeds} random seeds)"
         self._max_solutions = max_solutions
         self._distinct = _DISTINCT_REDUNDANT if chain.dof > 6 else _DISTINCT
         low, high = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)

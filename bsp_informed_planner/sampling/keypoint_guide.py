@@ -51,9 +51,7 @@ class ExactKeypointGuide:
     @property
     def sigma(self) -> float:
         """Standard deviation of the tube for this robot [rad or m]."""
-        if self._robot.revolute.any():
-            return self._options.sigma
-        return self._options.relative_sigma * float(np.linalg.norm(self._robot.upper - self._robot.lower))
+        return self._options.tube_sigma(self._robot)
 
     def guide(
         self,
@@ -141,7 +139,7 @@ class ExactKeypointGuide:
                 if should_stop():
                     raise KeypointsUnavailableError("the time was over before the keypoints were lifted")
                 if int(candidate) not in layers_of:
-                    layers_of[int(candidate)] = self._layer(
+                    layers_of[int(candidate)] = self.layer(
                         chain, position, int(candidate), start, nearest_goal, quaternions, checker
                     )
                 if not len(layers_of[int(candidate)]):
@@ -161,7 +159,7 @@ class ExactKeypointGuide:
         )
         return [(path.is_free, path.length, ConfigurationChain(path.configurations, chain.points)) for path in paths]
 
-    def _layer(
+    def layer(
         self,
         chain: KeypointChain,
         position: int,
@@ -171,6 +169,19 @@ class ExactKeypointGuide:
         quaternions: tuple[FloatArray, FloatArray],
         checker: CollisionChecker,
     ) -> FloatArray:
+        """Free configurations at one keypoint of a chain: all branches, in many orientations.
+
+        Args:
+            chain: of the workspace.
+            position: of the keypoint in the chain, from 1.
+            candidate: index of the keypoint.
+            start, goal: (n,).
+            quaternions: of the tool at start and goal.
+            checker: exact check.
+
+        Returns:
+            (k, n), nearest first; empty if no free configuration was found.
+        """
         lengths = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(chain.points, axis=0), axis=1))))
         fraction = float(lengths[position] / lengths[-1]) if lengths[-1] > 0.0 else 0.5
         if self._robot.orientation_free:

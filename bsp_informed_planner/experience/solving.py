@@ -1,0 +1,125 @@
+"""The planners that Algorithm 2 calls, each bounded in samples and in nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.experience.options import CollectionOptions
+from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.path import path_length
+from bsp_informed_planner.planning.problem import default_search_resolution
+from bsp_informed_planner.planning.rrt_connect import RrtConnect
+from bsp_informed_planner.planning.rrt_star import RrtStar
+from bsp_informed_planner.planning.sample_stream import SampleStream
+from bsp_informed_planner.planning.search import OPTIMALITY_TOLERANCE, sampling_bounds
+from bsp_informed_planner.planning.shortcut import shortcut
+from bsp_informed_planner.planning.verification import FineChecker
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.informed import InformedUniformSampler
+from bsp_informed_planner.sampling.sampler import Sampler, UniformSampler
+from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.scene import Scene
+
+
+def _budget(samples: int) -> Budget:
+    return Budget(float("inf"), samples)
+
+
+def is_shortest(path: FloatArray) -> bool:
+    """Whether a path is as short as the straight line."""
+    straight = float(np.linalg.norm(path[-1] - path[0]))
+    return path_length(path) <= straight * (1.0 + OPTIMALITY_TOLERANCE)
+
+
+class ProblemSolver:
+    """Plans in one scene, at one distance from its obstacles.
+
+    Args:
+        robot, scene: as usual.
+        padding: distance to keep from obstacles [m].
+        options: what may be spent.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, padding: float, options: CollectionOptions) -> None:
+        self._robot = robot
+        self._options = options
+        resolution = options.search_resolution or default_search_resolution(robot)
+        self.padding = padding
+        self.checker = FineChecker(ExactChecker(robot, scene, padding=padding), resolution)
+        self._max_step = 0.03 * float(np.linalg.norm(robot.upper - robot.lower))
+
+    def solve_subproblem(
+        self, start: FloatArray, goal: FloatArray, rng: np.random.Generator, samples: int
+    ) -> tuple[FloatArray | None, int]:
+        """A path between two free configurations (paper, Algorithm 2, line 6).
+
+        Args:
+            start, goal: (n,).
+            rng: generator.
+            samples: most samples to draw.
+
+        Returns:
+            (m, n), shortened, or None; and how many samples were drawn.
+        """
+        if self.checker.is_edge_free(start, goal):
+            return np.array([start, goal]), 0
+        budget = _budget(samples)
+        path = self._connect(start, goal, self._uniform(start, goal), rng, budget)
+        return (None if path is None else self._shortened(path, rng)), budget.samples
+
+    def refine(self, path: FloatArray, rng: np.random.Generator, samples: int) -> FloatArray:
+        """A path (m, n) made shorter by RRT* and by shortcuts; its ends stay."""
+        if samples == 0 or is_shortest(path):
+            return path
+        start, goal = path[0], path[-1]
+        box = self._uniform(start, goal)
+        budget = _budget(samples)
+        tree = RrtStar(self.checker, start, goal[None], box, box.lower, box.upper, self._max_step, budget)
+        tree.insert_path(path)
+        found = tree.solve(rng)
+        assert found is not None
+        return self._shortened(found, rng)
+
+    def solve_whole(
+        self, start: FloatArray, goal: FloatArray, rng: np.random.Generator, known: FloatArray | None
+    ) -> FloatArray | None:
+        """The shortest path found for the whole problem, without keypoints (for the baselines).
+
+        Args:
+            start, goal: (n,).
+            rng: generator.
+            known: a path (m, n) found otherwise; the result is not longer.
+
+        Returns:
+            (m, n), or None.
+        """
+        if self.checker.is_edge_free(start, goal):
+            return np.array([start, goal])
+        box = self._uniform(start, goal)
+        best = None if known is None else self._shortened(known, rng)
+        for _ in range(self._options.whole_restarts):
+            sampler: Sampler = box
+            if best is not None:
+                sampler = InformedUniformSampler(start, goal[None], path_length(best), box.lower, box.upper)
+            found = self._connect(start, goal, sampler, rng, _budget(self._options.whole_samples))
+            if found is None:
+                continue
+            found = self._shortened(found, rng)
+            if best is None or path_length(found) < path_length(best):
+                best = found
+        if best is None:
+            return None
+        return self.refine(best, rng, self._options.whole_refine_samples)
+
+    def _uniform(self, start: FloatArray, goal: FloatArray) -> UniformSampler:
+        return UniformSampler(*sampling_bounds(self._robot, start, goal[None]))
+
+    def _connect(
+        self, start: FloatArray, goal: FloatArray, sampler: Sampler, rng: np.random.Generator, budget: Budget
+    ) -> FloatArray | None:
+        trees = RrtConnect(self.checker, start, goal[None], self._max_step, budget)
+        return trees.solve(SampleStream(sampler, rng, budget))
+
+    def _shortened(self, path: FloatArray, rng: np.random.Generator) -> FloatArray:
+        return shortcut(path, self.checker, rng, _budget(1), attempts=self._options.shortcut_attempts)
