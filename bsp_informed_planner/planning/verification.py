@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
@@ -51,6 +52,21 @@ class CertifyingChecker:
     def is_free(self, configuration: FloatArray) -> bool:
         """Whether a configuration (n,) is free."""
         return bool(self.are_free(np.asarray(configuration, dtype=np.float64)[None])[0])
+
+    def surely_free(self, configurations: FloatArray) -> NDArray[np.bool_]:
+        """(m,) which of the configurations (m, n) the bounds prove free."""
+        if self.bounds is None:
+            return self._checker.surely_free(configurations)
+        return self.bounds.of_states(configurations) == FREE
+
+    def surely_free_edges(self, path: FloatArray) -> NDArray[np.bool_]:
+        """(m - 1,) which edges of a path (m, n) the bounds prove free."""
+        if self.bounds is None:
+            return np.array([verdict is not Verdict.COLLIDING for verdict in self._each(path)], dtype=np.bool_)
+        return self.bounds.of_edges(path[:-1], path[1:]) == FREE
+
+    def _each(self, path: FloatArray) -> list[Verdict]:
+        return [self.judge(start, end) for start, end in zip(path[:-1], path[1:], strict=True)]
 
     def are_free(self, configurations: FloatArray) -> np.ndarray:
         """(m,) which of the configurations (m, n) are free."""
