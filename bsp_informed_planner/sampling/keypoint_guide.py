@@ -185,7 +185,7 @@ class ExactKeypointGuide:
         lengths = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(chain.points, axis=0), axis=1))))
         fraction = float(lengths[position] / lengths[-1]) if lengths[-1] > 0.0 else 0.5
         if self._robot.orientation_free:
-            orientations = [quaternions[1]]
+            orientations = quaternions[1][None]
         else:
             normal = portal_normal(self._decomposition.portal(int(self._decomposition.candidate_portals[candidate])))
             orientations = tool_orientations(*quaternions, normal, fraction, self._options)
