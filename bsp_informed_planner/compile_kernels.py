@@ -18,6 +18,7 @@ logger = logging.getLogger(__name__)
 WARM_UPS: dict[str, str] = {
     "decomposition": "bsp_informed_planner.decomposition.warm_up:warm_up",
     "robots": "bsp_informed_planner.robots.warm_up:warm_up",
+    "planning": "bsp_informed_planner.planning.warm_up:warm_up",
     "sampling": "bsp_informed_planner.sampling.warm_up:warm_up",
 }
 

@@ -39,12 +39,34 @@ class Judgement(NamedTuple):
 def _empty_checks() -> Checks:
     """Checks without anything in them, for their type."""
     singles, indices, lanes = np.zeros(0, np.float32), np.zeros(0, np.int64), np.zeros(0, np.int32)
-    pairs, table = np.zeros((0, 2), np.int64), np.zeros((0, 4), np.float32)
-    tree = SphereTree(table, indices, indices)
-    robot = RobotBounds(Chain(indices, indices, indices, table), tree, tree, indices, indices, pairs, table)
+    table, pairs = np.zeros((0, 4), np.float32), np.zeros((0, 2), np.int64)
+    tree = SphereTree(spheres=table, ends=indices, roots=indices)
+    robot = RobotBounds(
+        chain=Chain(parents=indices, places=indices, prismatic=indices, placements=table),
+        outer=tree,
+        inner=tree,
+        joints=indices,
+        exposed=indices,
+        pairs=pairs,
+        levers=table,
+    )
     scratch = Scratch(
-        table, table, singles, table, table, indices, indices, indices, singles, singles, singles, lanes, lanes,
-        singles, pairs, np.zeros((0, 2)),
+        values=table,
+        frames=table,
+        turning=singles,
+        outer=table,
+        inner=table,
+        outer_ages=indices,
+        inner_ages=indices,
+        clock=indices,
+        slack=singles,
+        bend=singles,
+        accelerations=singles,
+        open=lanes,
+        lane=np.zeros((0, 0), np.int32),
+        hits=lanes,
+        stack=pairs,
+        intervals=np.zeros((0, 2)),
     )
     return Checks(robot, Obstacles(table, indices, indices, table, table), 0.0, 0.0, 0.0, np.zeros(0), scratch)
 

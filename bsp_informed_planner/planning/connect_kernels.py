@@ -121,10 +121,10 @@ def _connect(
 
 @kernel
 def _is_reached(tree: Tree, node: int, target: Floats) -> bool:
+    same = True
     for i in range(target.shape[0]):
-        if tree.nodes[node, i] != target[i]:
-            return False
-    return True
+        same = same and tree.nodes[node, i] == target[i]
+    return same
 
 
 @kernel

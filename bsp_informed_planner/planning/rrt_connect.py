@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from bsp_informed_planner.collision.verdicts import Verdicts
-from bsp_informed_planner.decomposition.array_types import Flags, Floats
+from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.planning.budget import Budget, Chunks, never
 from bsp_informed_planner.planning.connect_kernels import (
     CHAIN,
@@ -34,7 +34,15 @@ from bsp_informed_planner.planning.question_kernels import (
 )
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.subset_kernels import Space
-from bsp_informed_planner.planning.tree import add, clear_tree, enlarged, new_questions, new_tree, path_to_root
+from bsp_informed_planner.planning.tree import (
+    add,
+    clear_tree,
+    enlarged,
+    new_questions,
+    new_tree,
+    nodes_and_parents,
+    path_to_root,
+)
 
 #: Tells whether an edge that the bounds leave open is free.
 Judge = Callable[[Floats, Floats], bool]
@@ -71,15 +79,13 @@ class RrtConnect:
         )
         self.restart()
 
-    @property
-    def start_nodes(self) -> Floats:
-        """(a, n) nodes of the tree from the start."""
-        return self._trees.start.nodes[: self._trees.start.size[0]]
+    def start_tree(self) -> tuple[Floats, Indices]:
+        """Copies of the nodes (m, n) of the tree from the start, and of their parents (m,), -1 for the root."""
+        return nodes_and_parents(self._trees.start)
 
-    @property
-    def goal_nodes(self) -> Floats:
-        """(b, n) nodes of the tree from the goals."""
-        return self._trees.goal.nodes[: self._trees.goal.size[0]]
+    def goal_tree(self) -> tuple[Floats, Indices]:
+        """The same of the tree from the goals."""
+        return nodes_and_parents(self._trees.goal)
 
     @property
     def nodes(self) -> int:

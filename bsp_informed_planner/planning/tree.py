@@ -87,6 +87,12 @@ def add(tree: Tree, configurations: Floats, parents: Indices, unsure: Flags, wei
     return np.arange(first, first + len(configurations))
 
 
+def nodes_and_parents(tree: Tree) -> tuple[Floats, Indices]:
+    """Copies of the nodes (m, n), and of the indices of their parents (m,), -1 for roots."""
+    count = int(tree.size[0])
+    return tree.nodes[:count].copy(), tree.links[:count, PARENT].copy()
+
+
 def path_to_root(tree: Tree, node: int) -> Floats:
     """(m, n) configurations from the root to a node."""
     rows = []

@@ -98,6 +98,10 @@ class CertifyingChecker:
             verdict = self._known[key] = self._certifier.certify(start, end)
         return verdict
 
+    def passes(self, start: FloatArray, end: FloatArray) -> bool:
+        """Whether the exact check lets an edge pass that the bounds leave open."""
+        return self.judge(start, end) is not Verdict.COLLIDING
+
     def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
         """Whether no collision was found on an edge; its resolution is the certifier's."""
         return max(self.edge_verdicts(np.array((start, end), dtype=np.float64))) is not Verdict.COLLIDING
@@ -189,11 +193,7 @@ def _repair(
     # The repair has its own bound on samples: a shared one may be used up already.
     own = budget.part(min(0.5 * budget.remaining, 1.0), max_samples=500)
     search = RrtConnect(checker.bounds, new_space(start, end, *box, rng), 0.25 * max_step)
-
-    def judge(a: FloatArray, b: FloatArray) -> bool:
-        return checker.judge(a, b) is not Verdict.COLLIDING
-
-    detour = search.solve(SampleSource(len(start), rng), own, ask=ASK_ALL, judge=judge)
+    detour = search.solve(SampleSource(len(start), rng), own, ask=ASK_ALL, judge=checker.passes)
     # Samples of a repair do not count against those of the search.
     budget.charge(0, 0, own.edges_checked)
     return detour

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
@@ -126,7 +125,7 @@ class Worker:
         trees, budget = self._trees, self._budget
 
         def grow(source: SampleSource, ask: int, effort: int) -> FloatArray | None:
-            return trees.solve(source, budget, ask=ask, judge=self._passes, effort=effort, is_over=is_over)
+            return trees.solve(source, budget, ask=ask, judge=self._last.passes, effort=effort, is_over=is_over)
 
         path = grow(self._uniform, ASK_UNSURE, HEAD_START)
         chains: list[FloatArray] = []
@@ -156,13 +155,9 @@ class Worker:
         lengths = np.linalg.norm((ends[1:] - ends[0]) * self.space.weights, axis=1)
         for goal in np.argsort(lengths, kind="stable"):
             undecided = ask and verdicts[goal] not in (FREE, COLLIDING)
-            if verdicts[goal] == FREE or (undecided and self._passes(ends[0], ends[1 + goal])):
+            if verdicts[goal] == FREE or (undecided and self._last.passes(ends[0], ends[1 + goal])):
                 return np.array((ends[0], ends[1 + goal]))
         return None
-
-    def _passes(self, start: FloatArray, end: FloatArray) -> bool:
-        """What the exact check says of an edge that the bounds leave open."""
-        return self._last.judge(start, end) is not Verdict.COLLIDING
 
     def _restart(self, trees: RrtConnect) -> None:
         self._finished_nodes += trees.nodes
@@ -201,7 +196,9 @@ class Worker:
                 self._restart(trees)
                 trees.seed(chains)
                 chains = []
-                found = trees.solve(self._mixture, self._budget, ask=ASK_UNSURE, judge=self._passes, effort=patience)
+                found = trees.solve(
+                    self._mixture, self._budget, ask=ASK_UNSURE, judge=self._last.passes, effort=patience
+                )
                 if found is not None:
                     self._offer(self.shortened(found), on_better)
                 if self._budget.is_spent():
@@ -243,7 +240,7 @@ class Worker:
         )
         ask, effort = ASK_UNSURE, GUIDED
         while not self._budget.is_spent():
-            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._passes, effort=effort)
+            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._last.passes, effort=effort)
             if path is None:
                 # Without a path so far, one may need edges that the bounds leave open.
                 ask, effort = (ask, effort) if tree.best_cost < np.inf else (ASK_ALL, 2 * effort)

@@ -154,9 +154,11 @@ class ExactKeypointGuide:
                 f"{len(self._decomposition.candidates)} at {np.round(chain.points[position], 3).tolist()} m"
             )
         layers = [layers_of[int(candidate)] for candidate in chain.candidate_indices]
-        paths = paths_through_layers(
-            self._robot, start, layers, goals, checker.is_edge_free, self._options, should_stop
-        )
+
+        def is_free(first: FloatArray, second: FloatArray) -> bool:
+            return bool(checker.surely_free_edges(np.array((first, second)))[0])
+
+        paths = paths_through_layers(self._robot, start, layers, goals, is_free, self._options, should_stop)
         return [(path.is_free, path.length, ConfigurationChain(path.configurations, chain.points)) for path in paths]
 
     def layer(

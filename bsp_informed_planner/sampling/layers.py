@@ -58,7 +58,7 @@ def keypoint_layer(
     """Collision-free configurations with the reference point of the robot at a keypoint.
 
     All branches of the inverse kinematics in all orientations, wound as near as possible to a guess; the nearest ones
-    that are free are kept.
+    that are surely free are kept, and if none is, those that are.
 
     Args:
         robot: gives the inverse kinematics.
@@ -76,14 +76,17 @@ def keypoint_layer(
     if not len(candidates):
         return candidates
     wound = nearest_windings(robot, candidates, guess)
-    order = np.argsort(np.linalg.norm(wound - guess, axis=1))
-    kept: list[FloatArray] = []
-    for index in order:
-        if len(kept) == layer_size:
-            break
-        if checker.is_free(wound[index]):
-            kept.append(wound[index])
-    return np.array(kept).reshape(-1, robot.dof)
+    wound = wound[np.argsort(np.linalg.norm(wound - guess, axis=1))]
+    kept = np.empty((0, robot.dof))
+    # A few at a time: mostly the nearest are enough.
+    for begin in range(0, len(wound), 2 * layer_size):
+        some = wound[begin : begin + 2 * layer_size]
+        kept = np.concatenate((kept, some[checker.surely_free(some)]))
+        if len(kept) >= layer_size:
+            return kept[:layer_size]
+    if not len(kept):
+        kept = np.array([one for one in wound if checker.is_free(one)][:layer_size]).reshape(-1, robot.dof)
+    return kept
 
 
 def nearest_windings(robot: Robot, configurations: FloatArray, guess: FloatArray) -> FloatArray:
