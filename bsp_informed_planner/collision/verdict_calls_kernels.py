@@ -74,11 +74,23 @@ def _empty_checks() -> Checks:
 _load = loader(type_of(_empty_checks()))
 
 
-def _verdict(first: object, second: object, count: int, stored: object) -> int:
+# Kinds of calls, as multiples of which the number of joints is passed on.
+_EDGE, _STATE, _PARTS = 0, 1, 2
+_KINDS = 3
+#: Most intervals of an undecided edge that are told apart.
+INTERVALS = 16
+
+
+def _verdict(first: object, second: object, number: int, stored: object) -> int:
     # One more than the verdict: an exception, such as for lack of memory, returns 0.
-    if count < 0:
-        return 1 + verdict_kernels.state_verdict(carray(first, (-count,)), _load(stored))
-    return 1 + verdict_kernels.edge_verdict(carray(first, (count,)), carray(second, (count,)), _load(stored))
+    dof, kind = number // _KINDS, number % _KINDS
+    if kind == _STATE:
+        return 1 + verdict_kernels.state_verdict(carray(first, (dof,)), _load(stored))
+    # Behind the end of the edge, room for intervals.
+    rows = carray(second, (dof + 2 * INTERVALS,)) if kind == _PARTS else carray(second, (dof,))
+    left = rows[dof:].reshape((rows.shape[0] - dof) // 2, 2)
+    verdict, count = verdict_kernels.examine_edge(carray(first, (dof,)), rows[:dof], _load(stored), left)
+    return 1 + verdict + _KINDS * count
 
 
 _VERDICT = Callback(_verdict, SIGNATURE)
@@ -99,12 +111,30 @@ def judgement(checks: Checks) -> Judgement:
 @kernel
 def edge_verdict(start: Floats, end: Floats, judge: Judgement) -> int:
     """See `verdict_kernels.edge_verdict`."""
-    verdict = call(judge.address, start, end, start.shape[0], judge.checks) - 1
+    verdict = call(judge.address, start, end, _KINDS * start.shape[0] + _EDGE, judge.checks) - 1
     return verdict if verdict >= 0 else UNDECIDED
 
 
 @kernel
 def state_verdict(configuration: Floats, judge: Judgement) -> int:
     """See `verdict_kernels.state_verdict`."""
-    verdict = call(judge.address, configuration, configuration, -configuration.shape[0], judge.checks) - 1
-    return verdict if verdict >= 0 else UNDECIDED
+    verdict = call(judge.address, configuration, configuration, _KINDS * configuration.shape[0] + _STATE, judge.checks)
+    return verdict - 1 if verdict > 0 else UNDECIDED
+
+
+@kernel
+def examined_edge(start: Floats, rows: Floats, judge: Judgement) -> tuple[int, int]:
+    """See `verdict_kernels.examine_edge`.
+
+    Args:
+        start: (n,).
+        rows: (n + 2 INTERVALS,) the end, then room for the intervals that are left.
+        judge: of this thread.
+
+    Returns:
+        the verdict, and how many intervals there are; -1 for the edge as a whole.
+    """
+    found = call(judge.address, start, rows, _KINDS * start.shape[0] + _PARTS, judge.checks)
+    if found == 0:
+        return UNDECIDED, -1
+    return (found - 1) % _KINDS, (found - 1) // _KINDS

@@ -6,7 +6,7 @@ import numpy as np
 
 from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.collision.verdict_batch_kernels import edge_verdicts, state_verdicts
-from bsp_informed_planner.collision.verdict_calls_kernels import judgement
+from bsp_informed_planner.collision.verdict_calls_kernels import INTERVALS, UNDECIDED, examined_edge, judgement
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
 
 
@@ -34,3 +34,13 @@ class Verdicts:
         """(m,) the verdict on each of the straight edges from starts (m, n) to ends (m, n)."""
         starts, ends = (np.ascontiguousarray(rows, dtype=np.float64) for rows in (starts, ends))
         return edge_verdicts(starts, ends, self.judgement)
+
+    def of_edge(self, start: Floats, end: Floats) -> tuple[int, Floats]:
+        """The verdict on an edge; and where it is undecided, the intervals (k, 2) in [0, 1] that are left to judge."""
+        dof = len(start)
+        rows = np.empty(dof + 2 * INTERVALS)
+        rows[:dof] = end
+        verdict, count = examined_edge(np.array(start, dtype=np.float64), rows, self.judgement)
+        if verdict != UNDECIDED:
+            return verdict, np.empty((0, 2))
+        return verdict, np.array([[0.0, 1.0]]) if count < 0 else rows[dof : dof + 2 * count].reshape(-1, 2)

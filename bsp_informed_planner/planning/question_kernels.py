@@ -21,7 +21,7 @@ ASK_UNSURE = 1  # those that leave a node which is undecided itself
 ASK_ALL = 2
 
 #: Most questions at a time.
-QUESTIONS = 16
+QUESTIONS = 4
 
 
 # Columns of Questions.table.

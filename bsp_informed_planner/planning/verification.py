@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE, UNDECIDED
 from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
@@ -89,13 +89,31 @@ class CertifyingChecker:
         return CertifyingChecker(self._checker.clone(), self._certifier.finest)
 
     def judge(self, start: FloatArray, end: FloatArray) -> Verdict:
-        """The exact check's verdict on an edge, both ends (n,)."""
+        """The verdict on an edge, both ends (n,): of the exact check where the bounds leave it open."""
         key = np.concatenate((start, end)).tobytes()
         verdict = self._known.get(key)
         if verdict is None:
             if len(self._known) >= _MOST_REMEMBERED:
                 self._known.clear()
-            verdict = self._known[key] = self._certifier.certify(start, end)
+            verdict = self._known[key] = self._judged(start, end)
+        return verdict
+
+    def _judged(self, start: FloatArray, end: FloatArray) -> Verdict:
+        """The exact check looks at those parts of the edge that the bounds leave open."""
+        if self.bounds is None:
+            return self._certifier.certify(start, end)
+        code, intervals = self.bounds.of_edge(start, end)
+        if code != UNDECIDED:
+            return Verdict.CERTIFIED if code == FREE else Verdict.COLLIDING
+        difference = end - start
+        verdict = Verdict.CERTIFIED
+        for low, high in intervals:
+            # The ends themselves to the bit, which a state of the caller's is judged by.
+            first = start if low == 0.0 else start + low * difference
+            last = end if high == 1.0 else start + high * difference
+            verdict = max(verdict, self._certifier.certify(first, last))
+            if verdict is Verdict.COLLIDING:
+                break
         return verdict
 
     def passes(self, start: FloatArray, end: FloatArray) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
+from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.question_kernels import ASK_ALL, ASK_UNSURE
@@ -25,7 +25,9 @@ from bsp_informed_planner.scene.pose import FloatArray
 #: Uniform search before guidance is asked for.
 HEAD_START = 200
 #: Search with guidance before edges that the bounds leave open are looked at everywhere.
-GUIDED = 2000
+GUIDED = 400
+#: Search with questions about such edges before it begins anew.
+ASKING = 3000
 #: A restart that has not met after so many times the effort of the first path gives up, and at least after so much.
 PATIENCE, LEAST_PATIENCE = 4, 500
 #: Shortcuts tried on a first path, and on each later one.
@@ -130,14 +132,18 @@ class Worker:
         path = grow(self._uniform, ASK_UNSURE, HEAD_START)
         chains: list[FloatArray] = []
         if path is None and not budget.is_spent() and not is_over():
+            path = self._straight(ask=1)
+        if path is None and not budget.is_spent() and not is_over():
             found = guidance()
             chains = [chain.configurations for chain in found.chains]
             self.take(found)
             trees.seed(chains)
             path = grow(self._mixture, ASK_UNSURE, GUIDED)
-        effort = GUIDED
+        if path is None and not budget.is_spent() and not is_over():
+            path = grow(self._mixture, ASK_ALL, ASKING)
+        effort = ASKING
         while path is None and not budget.is_spent() and not is_over():
-            path = self._straight(ask=True) if effort == GUIDED else None
+            path = self._straight(ask=len(self.space.ends)) if effort == ASKING else None
             if path is None:
                 self._restart(trees)
                 trees.seed(chains)
@@ -146,16 +152,22 @@ class Worker:
         self._effort = max(trees.effort, LEAST_PATIENCE)
         return path
 
-    def _straight(self, ask: bool = False) -> FloatArray | None:
-        """The nearest goal that a free edge leads to."""
+    def _straight(self, ask: int = 0) -> FloatArray | None:
+        """The edge to the nearest goal that one leads to.
+
+        Args:
+            ask: how many of those that the bounds leave open are asked about.
+        """
         ends = self.space.ends
-        starts = np.repeat(ends[:1], len(ends) - 1, axis=0)
-        verdicts = self._verdicts.of_edges(starts, ends[1:])
+        verdicts = self._verdicts.of_edges(np.repeat(ends[:1], len(ends) - 1, axis=0), ends[1:])
         self._budget.charge(0, 0, len(verdicts))
         lengths = np.linalg.norm((ends[1:] - ends[0]) * self.space.weights, axis=1)
         for goal in np.argsort(lengths, kind="stable"):
-            undecided = ask and verdicts[goal] not in (FREE, COLLIDING)
-            if verdicts[goal] == FREE or (undecided and self._last.passes(ends[0], ends[1 + goal])):
+            free = verdicts[goal] == FREE
+            if verdicts[goal] == UNDECIDED and ask > 0:
+                ask -= 1
+                free = self._last.passes(ends[0], ends[1 + goal])
+            if free:
                 return np.array((ends[0], ends[1 + goal]))
         return None
 
