@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from bsp_informed_planner.collision.enclosure import EnclosedObstacles
+from bsp_informed_planner.collision.enclosure import EnclosedBodies
 from bsp_informed_planner.collision.geometry import add_scene, create_geometry_data
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.robot import Robot
@@ -67,7 +67,8 @@ class ExactChecker:
             for link in self._moving:
                 self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
         self._create_scratch()
-        self._enclosed = EnclosedObstacles(self._model, self.collision_model, self._moving, self._obstacles)
+        own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
+        self._enclosed = EnclosedBodies(self._model, self.collision_model, self._moving, self._obstacles, own)
 
     def _create_scratch(self) -> None:
         """All that must not be shared between threads."""
@@ -127,7 +128,7 @@ class ExactChecker:
         difference = end - start
         motion = float(self.robot.motion_radii @ np.abs(difference))
         order = bisection_order(max(1, math.ceil(motion / resolution)))
-        # A small obstacle gets inside a link through its surface only: the ends have been checked for such.
+        # A small body gets inside a link through its surface only: the ends have been checked for such.
         return not any(self._touches(state) for state in start + order[:, None] * difference)
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
