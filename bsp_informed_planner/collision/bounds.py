@@ -21,13 +21,16 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     SphereTree,
 )
 from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
+from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
+from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
 from bsp_informed_planner.collision.solids import body_of
+from bsp_informed_planner.collision.verdict_kernels import UNDECIDED, state_verdicts
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.motion_bound import axis_distances, joint_axes
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
-from bsp_informed_planner.scene.scene import Scene
+from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
 
 #: Intervals of an edge in which no point moves further than this are not halved [m].
 FINEST = 2e-4
@@ -168,26 +171,45 @@ class CollisionBounds:
 
 
 def build_bounds(
-    robot: Robot, options: CoverOptions | None = None, progress: Progress | None = None
+    robot: Robot,
+    options: CoverOptions | None = None,
+    sharpening: SharpeningOptions | None = None,
+    progress: Progress | None = None,
 ) -> CollisionBounds:
-    """Bounds of a robot, made anew.
+    """Bounds of a robot, made anew. See `CoverBuilder` and `sharpen_close_pairs`.
 
     Args:
         robot: a robot.
         options: how fine.
-        progress: is told after every group of bodies.
+        sharpening: what is done about links that are close to each other.
+        progress: is told after every group of bodies, and at the end.
     """
     options = options or CoverOptions()
     groups = group_bodies(robot.collision_model)
     items = robot.collision_model.geometryObjects
-    covers = []
+    builders = []
     for number, members in enumerate(groups.members):
-        builder = CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options)
-        builder.build()
-        covers.append(builder.cover())
+        builders.append(CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options))
+        builders[-1].build()
         if progress is not None:
-            progress(number + 1, len(groups.members))
-    return CollisionBounds(robot, groups, covers)
+            progress(number + 1, len(groups.members) + 1)
+
+    def bounds() -> CollisionBounds:
+        return CollisionBounds(robot, groups, [builder.cover() for builder in builders])
+
+    nothing = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame)
+    judge = ExactChecker(robot, nothing)
+
+    def undecided(configurations: FloatArray) -> FloatArray:
+        verdicts = np.empty(len(configurations), dtype=np.int64)
+        state_verdicts(configurations, bounds().checks(nothing), verdicts)
+        open_ones = configurations[verdicts == UNDECIDED]
+        return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
+
+    sharpen_close_pairs(robot, groups, builders, undecided, sharpening or SharpeningOptions())
+    if progress is not None:
+        progress(len(groups.members) + 1, len(groups.members) + 1)
+    return bounds()
 
 
 def _turned_frames(axes: FloatArray) -> list[FloatArray]:

@@ -12,9 +12,10 @@ from bsp_informed_planner.collision.cover_kernels import (
     assign_cells,
     cover_greedily,
     enclosing_ball,
+    shrunk_ball,
 )
-from bsp_informed_planner.collision.solid_kernels import CELL_SIZE, cut_into_cells, medial_balls
-from bsp_informed_planner.collision.solids import Body, Solid
+from bsp_informed_planner.collision.solid_kernels import CELL_SIZE, cut_into_cells, medial_balls, recut_cells
+from bsp_informed_planner.collision.solids import Body
 from bsp_informed_planner.scene.pose import FloatArray
 
 
@@ -33,10 +34,10 @@ class CoverOptions:
         inner_gain: a further ball inside has to hold this share of the group's inner cells.
     """
 
-    protrusions: tuple[float, ...] = (0.05, 0.018, 0.008)
+    protrusions: tuple[float, ...] = (0.05, 0.018, 0.005)
     cells_per_protrusion: float = 0.25
     most_cells: int = 250_000
-    medial_samples: int = 1200
+    medial_samples: int = 800
     node_candidates: int = 150
     sample: int = 3000
     inner_balls: int = 32
@@ -49,12 +50,14 @@ class Node:
 
     Attributes:
         ball: (4,) centre and radius; it holds all cells [m].
-        cells: (n, 6) centre, half edge, signed distance, margin.
-        children: whose cells are these cells; none for a leaf.
+        cells: (n, 7) centre, half edge, signed distance, margin, index of the solid that it is of.
+        protrusion: how far the ball may stand out of the bodies [m].
+        children: whose cells are these cells, or parts of them; none for a leaf.
     """
 
     ball: FloatArray
     cells: FloatArray
+    protrusion: float = math.inf
     children: list[Node] = field(default_factory=list)
 
 
@@ -81,7 +84,8 @@ class CoverBuilder:
     The bodies are cut into small cubes, which hold all of them, surface and inside (`cut_into_cells`). A ball counts as
     covering a cube only if it holds all of it, so that a cover of the cubes is a proved cover of the bodies. Covers are
     found greedily among balls around medial points, whose radii let them stand out of the bodies by a given protrusion;
-    balls that then turn out larger than the cubes they are there for need are shrunk. The cubes of each ball are
+    balls that then turn out larger than the cubes they are there for need are shrunk (about their
+    centres: the smallest ball around the same cubes may stand out more). The cubes of each ball are
     covered by finer balls in the same way, level by level.
 
     Args:
@@ -95,39 +99,62 @@ class CoverBuilder:
         self._rng = np.random.default_rng(seed)
         self._solids = [solid for body in bodies for solid in body.solids]
         self._balls = np.concatenate([np.empty((0, 4)), *(body.balls for body in bodies)])
-        cells = np.concatenate([np.empty((0, 6)), *(self._cells(solid) for solid in self._solids)])
+        cells = np.concatenate([np.empty((0, 7)), *(self._cells(i) for i in range(len(self._solids)))])
         cells = cells[self._rng.permutation(len(cells))]
-        self._medial = np.concatenate([np.empty((0, 4)), *(self._medial_balls(solid, cells) for solid in self._solids)])
-        exact = np.zeros((len(self._balls), 6))
+        self._medial = np.concatenate([np.empty((0, 4)), *(self._medial_balls(i, cells) for i in range(len(self._solids)))])
+        exact = np.zeros((len(self._balls), 7))
         exact[:, :3], exact[:, 4], exact[:, 5] = self._balls[:, :3], -self._balls[:, 3], self._balls[:, 3]
+        exact[:, 6] = -1.0
         self.root = Node(np.zeros(4), np.concatenate([cells, exact]))
         first = np.append(self.root.cells[:, :3].mean(axis=0), 0.0)
         self.root.ball = self._balls[0].copy() if len(self.root.cells) == 1 else enclosing_ball(self.root.cells, first)
         self._inner_cells = cells[cells[:, 4] < 0.0]
+        self._inner: FloatArray | None = None
 
-    def _cells(self, solid: Solid) -> FloatArray:
+    def _cells(self, index: int) -> FloatArray:
+        """(n, 7) cells of a solid."""
+        solid = self._solids[index]
         low, high = solid.bounds
         area = max(sum(other.area for other in self._solids), 1e-12)
         finest = self._options.protrusions[-1] * self._options.cells_per_protrusion
         # About 1.5 cells lie on an area of one of their faces.
-        finest = max(finest, float(np.sqrt(1.5 * area / self._options.most_cells)))
-        smallest = 0.5 * finest
-        half = smallest * 2.0 ** math.ceil(math.log2(max(0.5 * float((high - low).max()) * (1.0 + 1e-6) / smallest, 1.0)))
+        smallest = 0.5 * max(finest, math.sqrt(1.5 * area / self._options.most_cells))
+        extent = 0.5 * float((high - low).max()) * (1.0 + 1e-6)
+        half = smallest * 2.0 ** max(math.ceil(math.log2(extent / smallest)), 0)
         edges, length = solid.open_edges
-        found = cut_into_cells(solid.triangles, edges, length, 0.5 * (low + high), half, smallest, 4.0 * smallest)
-        return np.concatenate([found[:, :CELL_SIZE], np.zeros((len(found), 1))], axis=1)
+        every, middle = np.arange(len(solid.triangles)), 0.5 * (low + high)
+        found = cut_into_cells(solid.triangles, every, edges, length, middle, half, smallest, 4.0 * smallest)
+        return _columns(found, index)
 
-    def _medial_balls(self, solid: Solid, cells: FloatArray) -> FloatArray:
-        low, high = solid.bounds
-        inside = cells[(cells[:, 4] < 0.0) & ((cells[:, :3] > low) & (cells[:, :3] < high)).all(axis=1)]
+    def _medial_balls(self, index: int, cells: FloatArray) -> FloatArray:
+        inside = cells[(cells[:, 4] < 0.0) & (cells[:, 6] == index)]
         if not len(inside):
             return np.empty((0, 4))
+        triangles = self._solids[index].outermost
+        if not len(triangles):
+            triangles = self._solids[index].triangles
         # Enough for any mesh, and bounded in time for a large one.
-        count = int(min(len(inside), self._options.medial_samples, 1 + 1_500_000 // len(solid.triangles)))
+        count = int(min(len(inside), self._options.medial_samples, 1 + 1_500_000 // len(triangles)))
         # Cells near the surface, which are the smallest, see every part of it.
         weights = 1.0 / inside[:, 3]
         points = inside[self._rng.choice(len(inside), count, replace=False, p=weights / weights.sum()), :3]
-        return medial_balls(np.ascontiguousarray(points), solid.triangles, 1e-4)
+        return medial_balls(np.ascontiguousarray(points), triangles, 1e-4)
+
+    def sharpen(self, node: Node, protrusion: float) -> None:
+        """`refine`, with cells that are small enough for a protrusion finer than those of the options."""
+        if node.children:
+            return
+        finest = 0.5 * protrusion * self._options.cells_per_protrusion
+        coarse = node.cells[:, 3] > finest
+        parts = [node.cells[~coarse]]
+        for index, solid in enumerate(self._solids):
+            own = np.ascontiguousarray(node.cells[coarse & (node.cells[:, 6] == index)])
+            if len(own):
+                found = recut_cells(own, node.ball, solid.triangles, *solid.open_edges, finest, 4.0 * finest)
+                parts.append(_columns(found, index))
+        node.cells = np.concatenate(parts)
+        node.cells = node.cells[self._rng.permutation(len(node.cells))]
+        self.refine(node, protrusion)
 
     def refine(self, node: Node, protrusion: float) -> None:
         """Give a leaf children that stand out of the bodies by less; nothing happens if it is a single cell."""
@@ -147,11 +174,23 @@ class CoverBuilder:
         for index, ball in enumerate(balls):
             cells = np.ascontiguousarray(node.cells[owners == index])
             if len(cells):
-                children.append(Node(_exact(cells) if len(cells) == 1 else enclosing_ball(cells, ball), cells))
+                children.append(Node(_exact(cells) if len(cells) == 1 else shrunk_ball(cells, ball), cells, protrusion))
         if len(children) > 1:
             node.children = children
         elif children and children[0].ball[3] < node.ball[3]:
             node.ball = children[0].ball
+        node.protrusion = min(node.protrusion, protrusion) if not node.children else node.protrusion
+
+    def leaves(self) -> list[Node]:
+        """The leaves of the tree, in the order in which `cover` gives them."""
+        found, stack = [], [self.root]
+        while stack:
+            node = stack.pop()
+            if node.children:
+                stack.extend(reversed(node.children))
+            else:
+                found.append(node)
+        return found
 
     def build(self) -> None:
         """The whole tree."""
@@ -164,7 +203,6 @@ class CoverBuilder:
     def inner_balls(self) -> FloatArray:
         """(k, 4) balls inside the bodies, which fill as much of them as so many can."""
         options = self._options
-        options_left = options.inner_balls
         found = [self._balls]
         if len(self._inner_cells) and len(self._medial):
             sample = self._inner_cells[self._rng.permutation(len(self._inner_cells))[:1500]]
@@ -172,13 +210,12 @@ class CoverBuilder:
             weights = sample[:, 3] ** 3
             inside = np.linalg.norm(sample[:, None, :3] - tried[None, :, :3], axis=2) < tried[:, 3]
             left = np.ones(len(sample), dtype=bool)
-            while options_left > 0:
+            for _ in range(options.inner_balls):
                 gains = (weights * left) @ inside
                 best = int(np.argmax(gains))
                 if gains[best] < options.inner_gain * weights.sum():
                     break
                 left &= ~inside[:, best]
-                options_left -= 1
                 ball = tried[best].copy()
                 for solid in self._solids:
                     radius = ball[3] - solid.gap - 1e-6
@@ -190,7 +227,9 @@ class CoverBuilder:
     def cover(self) -> Cover:
         """The tree as it is, and balls inside."""
         outer, ends = _depth_first(self.root)
-        inner = self.inner_balls()
+        if self._inner is None:
+            self._inner = self.inner_balls()
+        inner = self._inner
         if len(inner) > 1:
             exact = np.zeros((len(inner), 6))
             exact[:, :3], exact[:, 5] = inner[:, :3], inner[:, 3]
@@ -205,6 +244,14 @@ class CoverBuilder:
 def _exact(cells: FloatArray) -> FloatArray:
     """The ball around a single cell."""
     return np.append(cells[0, :3], (np.sqrt(3.0) * cells[0, 3]) * (1.0 + 1e-9) + cells[0, 5])
+
+
+def _columns(found: FloatArray, index: int) -> FloatArray:
+    """(n, 7) cells of a solid, from those of `cut_into_cells`."""
+    cells = np.zeros((len(found), 7))
+    cells[:, :CELL_SIZE] = found
+    cells[:, 6] = index
+    return cells
 
 
 def _depth_first(root: Node) -> tuple[FloatArray, np.ndarray]:

@@ -168,3 +168,13 @@ def enclosing_ball(cells: Floats, first: Floats) -> Floats:
             corner = cells[place, k] + (cells[place, 3] if cells[place, k] > centre[k] else -cells[place, 3])
             centre[k] += share * (corner - centre[k])
     return result
+
+
+@kernel
+def shrunk_ball(cells: Floats, ball: Floats) -> Floats:
+    """(4,) the smallest ball around cells (n, 6) with the centre of another."""
+    result = ball.copy()
+    result[3] = 0.0
+    for i in range(cells.shape[0]):
+        result[3] = max(result[3], farthest(cells[i], ball[0], ball[1], ball[2]))
+    return result

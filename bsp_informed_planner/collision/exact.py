@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.enclosure import EnclosedObstacles
+from bsp_informed_planner.collision.enclosure import EnclosedBodies
 from bsp_informed_planner.collision.geometry import add_scene, create_geometry_data
 from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.errors import InvalidOptionError
@@ -72,8 +72,9 @@ class ExactChecker:
                 if not self._may_touch(link, index):
                     self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
         self._create_scratch()
-        self._enclosed = EnclosedObstacles(
-            self._model, self.collision_model, self._moving, self._obstacles, self._may_touch
+        own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
+        self._enclosed = EnclosedBodies(
+            self._model, self.collision_model, self._moving, self._obstacles, own, self._may_touch
         )
 
     def _may_touch(self, link: int, obstacle: int) -> bool:
@@ -137,7 +138,7 @@ class ExactChecker:
         difference = end - start
         motion = float(self.robot.motion_radii @ np.abs(difference))
         order = bisection_order(max(1, math.ceil(motion / resolution)))
-        # A small obstacle gets inside a link through its surface only: the ends have been checked for such.
+        # A small body gets inside a link through its surface only: the ends have been checked for such.
         return not any(self._touches(state) for state in start + order[:, None] * difference)
 
     def surely_free(self, configurations: FloatArray) -> NDArray[np.bool_]:

@@ -155,7 +155,14 @@ def winding_bounds(
 
 @kernel
 def cut_into_cells(
-    triangles: Floats, open_edges: Floats, open_length: float, centre: Floats, half: float, finest: float, coarsest: float
+    triangles: Floats,
+    near: Indices,
+    open_edges: Floats,
+    open_length: float,
+    centre: Floats,
+    half: float,
+    finest: float,
+    coarsest: float,
 ) -> Floats:
     """Cubes that cover a solid: its surface, and all points around which the surface winds, up to sign, more than half.
 
@@ -164,6 +171,7 @@ def cut_into_cells(
 
     Args:
         triangles: (m, 3, 3) of the surface [m].
+        near: (l,) the triangles that may be nearest to a point of the first cube.
         open_edges, open_length: (k, 2, 3) edges at which the surface is not closed, and their length, counted as often
             as needed [m].
         centre, half: of the first cube, which holds the surface; half its edge [m].
@@ -173,10 +181,10 @@ def cut_into_cells(
         (n, CELL_SIZE).
     """
     levels = 2 + max(int(math.ceil(math.log2(half / finest))), 0)
-    count = triangles.shape[0]
+    count = near.shape[0]
     lists = np.empty((levels + 1, count), np.int64)
     lengths = np.empty(levels + 1, np.int64)
-    lists[0] = np.arange(count)
+    lists[0] = near
     lengths[0] = count
     distances = np.empty(count)
     nearest = np.empty(3)
@@ -245,6 +253,81 @@ def cut_into_cells(
             stack[height, 5] = 1.0 if inside else 0.0
             height += 1
     return cells[:used].copy()
+
+
+@kernel
+def recut_cells(
+    cells: Floats,
+    ball: Floats,
+    triangles: Floats,
+    open_edges: Floats,
+    open_length: float,
+    finest: float,
+    coarsest: float,
+) -> Floats:
+    """Smaller cells, (m, CELL_SIZE), that cover what a solid has in common with each of some cells (n, ...) in a ball."""
+    nearest = np.empty(3)
+    distances = np.empty(triangles.shape[0])
+    for t in range(triangles.shape[0]):
+        squared = squared_distance(ball[:3], triangles[t, 0], triangles[t, 1], triangles[t, 2], nearest)
+        distances[t] = math.sqrt(squared)
+    # From any point of the ball, the nearest triangle is no further than that of the centre plus the radius.
+    near = np.flatnonzero(distances <= (distances.min() + 2.0 * ball[3]) * (1.0 + 1e-9))
+    result = np.empty((256, CELL_SIZE))
+    used = 0
+    for i in range(cells.shape[0]):
+        centre, half = cells[i, :3].copy(), cells[i, 3]
+        parts = cut_into_cells(triangles, near, open_edges, open_length, centre, half, finest, coarsest)
+        while used + parts.shape[0] > result.shape[0]:
+            grown = np.empty((2 * result.shape[0], CELL_SIZE))
+            grown[:used] = result[:used]
+            result = grown
+        result[used : used + parts.shape[0]] = parts
+        used += parts.shape[0]
+    return result[:used].copy()
+
+
+@kernel
+def touching_balls(first: Floats, second: Floats, centre: Floats, radius: float) -> Indices:
+    """(k, 2) indices of the balls (m, 4), (n, 4) of two sets that touch; a ball around the second set is given."""
+    found = np.empty((64, 2), np.int64)
+    used = 0
+    for i in range(first.shape[0]):
+        x, y, z, r = first[i, 0], first[i, 1], first[i, 2], first[i, 3]
+        dx, dy, dz = x - centre[0], y - centre[1], z - centre[2]
+        if dx * dx + dy * dy + dz * dz > (r + radius) ** 2:
+            continue
+        for j in range(second.shape[0]):
+            dx, dy, dz = x - second[j, 0], y - second[j, 1], z - second[j, 2]
+            if dx * dx + dy * dy + dz * dz < (r + second[j, 3]) ** 2:
+                if used == found.shape[0]:
+                    grown = np.empty((2 * used, 2), np.int64)
+                    grown[:used] = found
+                    found = grown
+                found[used, 0], found[used, 1] = i, j
+                used += 1
+    return found[:used].copy()
+
+
+@kernel
+def is_outermost(triangles: Floats, offset: float) -> NDArray[np.bool_]:
+    """(m,) for which triangles a point close to it is outside of the solid: only some points are looked at."""
+    found = np.zeros(triangles.shape[0], np.bool_)
+    for i in range(triangles.shape[0]):
+        a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
+        normal = np.cross(b - a, c - a)
+        length = math.sqrt((normal * normal).sum())
+        if length > 0.0:
+            middle = (a + b + c) / 3.0
+            for corner in range(4):
+                point = middle if corner == 3 else 0.1 * middle + 0.9 * triangles[i, corner]
+                for side in (-1.0, 1.0):
+                    p = point + side * offset / length * normal
+                    winding = ray_winding(p, triangles)
+                    if winding < 0.0:
+                        winding = solid_angle_winding(p, triangles)
+                    found[i] |= winding < 0.5
+    return found
 
 
 @kernel

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from bsp_informed_planner.collision.enclosure import triangle_corners
-from bsp_informed_planner.collision.solid_kernels import distance_to, winding_bounds
+from bsp_informed_planner.collision.solid_kernels import distance_to, is_outermost, winding_bounds
 from bsp_informed_planner.scene.convex_polytope import ConvexPolytope, box_polytope, hull_polytope
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -44,6 +44,11 @@ class Solid:
         ends = points[edges[is_open]]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         return ends, float(lengths @ np.abs(counts[is_open]))
+
+    @cached_property
+    def outermost(self) -> FloatArray:
+        """(k, 3, 3) triangles between inside and outside, and perhaps some more: meshes often have parts inside."""
+        return np.ascontiguousarray(self.triangles[is_outermost(self.triangles, 1e-5)])
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
