@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numba
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 # Every function called by address takes two pointers to doubles, a number, and a pointer to stored arguments.
-SIGNATURE = types.int64(types.CPointer(types.float64), types.CPointer(types.float64), types.int64, types.voidptr)
+_DOUBLES = types.CPointer(types.float64)  # type: ignore[attr-defined]
+SIGNATURE = types.int64(_DOUBLES, _DOUBLES, types.int64, types.voidptr)
 
 
 def _borrowed(context: Any, builder: Any, type_: Any, value: Any) -> Any:
@@ -21,7 +22,7 @@ def _borrowed(context: Any, builder: Any, type_: Any, value: Any) -> Any:
         array.meminfo = cgutils.get_null_value(array.meminfo.type)
         array.parent = cgutils.get_null_value(array.parent.type)
         return array._getvalue()
-    if isinstance(type_, types.BaseTuple):
+    if isinstance(type_, types.BaseTuple):  # type: ignore[attr-defined]
         for index, member in enumerate(type_.types):
             part = builder.extract_value(value, index)
             value = builder.insert_value(value, _borrowed(context, builder, member, part), index)

@@ -9,6 +9,8 @@ Source of the enlarged radii and of the bound of accelerations: see `place_spher
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from bsp_informed_planner.collision.check_arrays_kernels import LANES, Checks, Indices
@@ -23,7 +25,7 @@ FREE, COLLIDING, UNDECIDED = 0, 1, 2
 #: Intervals of an edge that are looked at together.
 INTERVALS = LANES - 1
 # Typed: numba compiles a function once more for each literal argument.
-_YES, _NO = np.bool_(True), np.bool_(False)
+_YES, _NO = cast(bool, np.bool_(True)), cast(bool, np.bool_(False))
 # No more sets of intervals of an edge are looked at; what is left is undecided.
 MOST_SETS = 48
 # An edge begins with sets of intervals in which no point moves further than this, if need be several [m].

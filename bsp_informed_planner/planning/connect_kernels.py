@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -38,8 +38,8 @@ MET_START, MET_GOAL = 5, 6  # where the trees met
 COUNTERS = 7
 
 # Typed: numba compiles a function once more for each literal argument.
-START, GOAL = np.int64(0), np.int64(1)
-_SURE, _FORWARD, _BACKWARD = np.bool_(False), np.bool_(False), np.bool_(True)
+START, GOAL = cast(int, np.int64(0)), cast(int, np.int64(1))
+_SURE, _FORWARD, _BACKWARD = cast(bool, np.bool_(False)), cast(bool, np.bool_(False)), cast(bool, np.bool_(True))
 
 
 class Trees(NamedTuple):
@@ -97,7 +97,7 @@ def _step(
     if verdict == FREE:
         return add_node(tree, new, near, _SURE, space.weights)
     asked = ask == ASK_ALL or (ask != ASK_NONE and tree.links[near, UNSURE] == 1)
-    if verdict == UNDECIDED and asked and trees.questions.count[0] < QUESTIONS:
+    if verdict == UNDECIDED and asked and trees.questions.asked[0] < QUESTIONS:
         unsure = state_verdict(new, checks) != FREE
         # To leave an undecided place, end where it is decided.
         if ask == ASK_ALL or not unsure:
@@ -200,10 +200,10 @@ def connect(
     # A step may need as many nodes as there are steps across the box, or along a chain.
     across = math.ceil(distance(space.box[0], space.box[1], space.weights) / max_step) + 2
     while True:
-        if trees.questions.count[0] == QUESTIONS:
+        if trees.questions.asked[0] == QUESTIONS:
             return ASKED
         if counters[EDGES] + counters[SAMPLES] >= end:
-            return ASKED if trees.questions.count[0] > 0 else WORKED
+            return ASKED if trees.questions.asked[0] > 0 else WORKED
         free_room = min(room(trees.start), room(trees.goal))
         if counters[CHAIN] < begins.shape[0] - 1:
             chain = chains[begins[counters[CHAIN]] : begins[counters[CHAIN] + 1]]
@@ -220,7 +220,7 @@ def connect(
             which, node = trees.fresh[counters[FRESH], 0], trees.fresh[counters[FRESH], 1]
         else:
             if counters[SAMPLES] >= max_samples:
-                return ASKED if trees.questions.count[0] > 0 else SPENT
+                return ASKED if trees.questions.asked[0] > 0 else SPENT
             if is_empty(supply):
                 return EMPTY
             which = START if counters[SAMPLES] % 2 == 0 else GOAL

@@ -8,7 +8,7 @@ Euclidean, each coordinate times its weight.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -21,7 +21,7 @@ BUCKET = 16
 SLACK = 12
 # Columns of Neighbours.cells.
 LEFT, RIGHT, AXIS, SIZE, MEMBERS = 0, 1, 2, 3, 4
-_TOP = np.int64(0)  # typed: numba compiles a function once more for a literal argument
+_TOP = cast(int, np.int64(0))  # typed: numba compiles a function once more for a literal argument
 # Room for any path down a kd-tree and the siblings beside it.
 _STACK = 128
 

@@ -34,21 +34,21 @@ class Questions(NamedTuple):
     Attributes:
         table: (QUESTIONS, 3) from which tree and node, and whether the bounds leave the head open too.
         heads: (QUESTIONS, n) to where.
-        count: (1,) how many there are.
+        asked: (1,) how many there are.
     """
 
     table: Indices
     heads: Floats
-    count: Indices
+    asked: Indices
 
 
 @kernel
 def push_question(questions: Questions, tree: int, tail: int, head: Floats, unsure: bool) -> None:
     """Adds a question; the caller makes sure that there is room."""
-    index = questions.count[0]
-    questions.count[0] = index + 1
+    index = questions.asked[0]
+    questions.asked[0] = index + 1
     questions.table[index, TREE] = tree
     questions.table[index, TAIL] = tail
-    questions.table[index, UNSURE] = unsure
+    questions.table[index, UNSURE] = 1 if unsure else 0
     for i in range(head.shape[0]):
         questions.heads[index, i] = head[i]

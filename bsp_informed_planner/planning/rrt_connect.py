@@ -103,7 +103,7 @@ class RrtConnect:
         clear_tree(trees.start)
         clear_tree(trees.goal)
         trees.counters[:] = 0
-        trees.questions.count[0] = 0
+        trees.questions.asked[0] = 0
         self._chains = self._chains[0][:0], np.zeros(1, dtype=np.int64)
         near = np.linalg.norm((space.ends - space.ends[0]) * space.weights, axis=1) < space.bound[0]
         near[0] = False
@@ -191,7 +191,7 @@ class RrtConnect:
     def _answer(self, judge: Judge | None, budget: Budget) -> None:
         """Ask the judge, and add the nodes whose edges are free."""
         trees, questions = self._trees, self._trees.questions
-        for index in range(int(questions.count[0])):
+        for index in range(int(questions.asked[0])):
             if judge is None or budget.is_out_of_time():
                 break
             which, tail, unsure = questions.table[index]
@@ -204,4 +204,4 @@ class RrtConnect:
             if fresh < len(trees.fresh):
                 trees.fresh[fresh] = (START if which == START else GOAL), node[0]
                 trees.counters[FRESH] = fresh + 1
-        questions.count[0] = 0
+        questions.asked[0] = 0

@@ -117,7 +117,7 @@ class RrtStar:
         star = self._star
         clear_tree(star.tree)
         star.goal_nodes[:] = -1
-        star.questions.count[0] = 0
+        star.questions.asked[0] = 0
         star.counters[:] = 0
         star.costs[:] = np.inf
         star.history[:] = np.inf
@@ -211,7 +211,7 @@ class RrtStar:
     def _answer(self, judge: Judge | None, budget: Budget) -> None:
         """Ask the judge, and add the nodes whose edges are free."""
         star, questions = self._star, self._star.questions
-        for index in range(int(questions.count[0])):
+        for index in range(int(questions.asked[0])):
             if judge is None or budget.is_out_of_time():
                 break
             goal, tail, unsure = (int(value) for value in questions.table[index])
@@ -222,7 +222,7 @@ class RrtStar:
                 node = add(star.tree, head, np.array([tail]), np.array([unsure == 1]), self._space.weights)
                 if goal > 0:
                     star.goal_nodes[goal - 1] = node[0]
-        questions.count[0] = 0
+        questions.asked[0] = 0
         update_best(star)
 
 

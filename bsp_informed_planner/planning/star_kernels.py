@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -35,7 +35,7 @@ VALID = 1  # of them, became a node
 EDGES = 2  # checked
 COUNTERS = 3
 # Typed: numba compiles a function once more for each literal argument.
-_SURE, _NOT_A_GOAL = np.bool_(False), np.int64(0)
+_SURE, _NOT_A_GOAL = cast(bool, np.bool_(False)), cast(int, np.int64(0))
 
 # A gain in cost less than this is rounding.
 _ROUNDING = 1e-9
@@ -93,7 +93,7 @@ def update_best(star: Star) -> None:
 @kernel
 def _ask(star: Star, kind: int, parent: int, head: Floats, unsure: bool, checks: Judgement, ask: int) -> None:
     """Puts an undecided edge on the list, if it is one to ask about."""
-    if ask == ASK_NONE or star.questions.count[0] == QUESTIONS:
+    if ask == ASK_NONE or star.questions.asked[0] == QUESTIONS:
         return
     head_unsure = state_verdict(head, checks) != FREE
     if ask == ASK_ALL or (star.tree.links[parent, UNSURE] == 1 and not head_unsure) or (kind > 0 and unsure):
@@ -256,12 +256,12 @@ def grow(
         if star.costs[0] <= (1.0 - rules.gain) * star.costs[1] and star.costs[0] < star.costs[1]:
             star.costs[1] = star.costs[0]
             return FOUND
-        if star.questions.count[0] == QUESTIONS:
+        if star.questions.asked[0] == QUESTIONS:
             return ASKED
         if counters[SAMPLES] >= rules.max_samples:
-            return ASKED if star.questions.count[0] > 0 else SPENT
+            return ASKED if star.questions.asked[0] > 0 else SPENT
         if counters[EDGES] + counters[SAMPLES] >= end:
-            return ASKED if star.questions.count[0] > 0 else WORKED
+            return ASKED if star.questions.asked[0] > 0 else WORKED
         if room(star.tree) < 1 + (space.ends.shape[0] - 1) + QUESTIONS:
             return FULL
         if is_empty(supply):

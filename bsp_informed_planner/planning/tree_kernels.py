@@ -55,7 +55,7 @@ def add_node(tree: Tree, configuration: Floats, parent: int, unsure: bool, weigh
     for i in range(configuration.shape[0]):
         tree.nodes[index, i] = configuration[i]
     tree.costs[index] = 0.0
-    tree.links[index, UNSURE] = unsure
+    tree.links[index, UNSURE] = 1 if unsure else 0
     tree.links[index, CHILD] = -1
     if parent >= 0:
         tree.costs[index] = tree.costs[parent] + distance(tree.nodes[parent], configuration, weights)
