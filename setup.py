@@ -27,6 +27,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{PACKAGE}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{PACKAGE}/config/sros2", sorted(glob("config/sros2/*.xml"))),
     ],
     zip_safe=False,
     install_requires=[
@@ -87,6 +88,7 @@ setup(
             "decomposition_node = bsp_informed_planner.nodes.decomposition_node:main",
             "inference_node = bsp_informed_planner.nodes.inference_node:main",
             "planner_node = bsp_informed_planner.nodes.planner_node:main",
+            "moveit_bridge = bsp_informed_planner.nodes.moveit_bridge:main",
         ],
     },
 )

@@ -300,6 +300,20 @@ class InvalidOptionError(BspPlannerError):
         super().__init__(f"{option} = {value!r}: expected {expected}")
 
 
+class UnsupportedRequestError(BspPlannerError):
+    """A message asks for something that this planner does not do, and that cannot be left out without harm.
+
+    Attributes:
+        field: of the message.
+        reason: what is not supported about it.
+    """
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field = field
+        self.reason = reason
+        super().__init__(f"{field}: {reason}")
+
+
 class UnknownParameterError(BspPlannerError):
     """A node was given a parameter that it does not have.
 

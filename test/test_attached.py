@@ -225,6 +225,10 @@ def test_holding_robots_are_robots(arm: Robot) -> None:
     assert held.joint_names == arm.joint_names
     assert robot_in_scene(held, scene) is held
     assert robot_in_scene(held, Scene.of([], BOUNDS)) is arm
+    travelled = pickle.loads(pickle.dumps(holding(stick(), CUBE, allowed=(frozenset(("a", "b")),))))
+    assert list(travelled.attached) == ["stick"]
+    assert list(travelled.obstacles) == ["cube"]
+    assert travelled.allowed_collisions == {frozenset(("a", "b"))}
     again = pickle.loads(pickle.dumps(held))
     assert np.array_equal(again.motion_radii, held.motion_radii)
     assert again.frames == held.frames

@@ -195,7 +195,7 @@ def test_a_node_that_dies_is_named(tmp_path: Path) -> None:
     parameters = {"planner_node": {"robot": "no-such-robot"}}
     environment = {"ROS_DOMAIN_ID": str(1 + os.getpid() % 90)}
     with NodeProcesses(parameters, environment=environment, log_dir=tmp_path) as processes:
-        with pytest.raises(NodeDiedError, match=r"planner_node has ended with status 1.*planner_node\.log"):
+        with pytest.raises(NodeDiedError, match=r"planner_node has ended with status 3.*planner_node\.log"):
             processes.wait()
         log = (tmp_path / "planner_node.log").read_text()
         assert "no-such-robot" in log

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from suite import gap_scene, point_request, running_suite
 
-from bsp_informed_planner.errors import PlanningCancelledError, PlanningTimeoutError
+from bsp_informed_planner.errors import PlanningCancelledError, PlanningTimeoutError, SamplesExhaustedError
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.failure_records import MOST_FILES, FailureRecords
 from bsp_informed_planner.nodes.world import World
@@ -16,6 +17,8 @@ from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, P
 from bsp_informed_planner.planning.problem_file import load_recorded_problem
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.robots.reference import load_reference
+from bsp_informed_planner.scene.scene import AttachedObstacle, Obstacle
+from bsp_informed_planner.scene.shapes import Sphere
 
 
 def test_a_failing_plan_is_saved_and_repeated(tmp_path: Path) -> None:
@@ -40,6 +43,21 @@ def test_a_failing_plan_is_saved_and_repeated(tmp_path: Path) -> None:
     assert recorded.scene.revision == revision
     with pytest.raises(PlanningTimeoutError):
         Planner(load_reference(recorded.robot), recorded.scene).plan(recorded.problem, recorded.options)
+
+
+def test_what_the_robot_held_is_saved(tmp_path: Path) -> None:
+    body = AttachedObstacle(Obstacle.of("disc", Sphere(0.1)), "point")
+    scene = replace(gap_scene(0.5), attached={"disc": body}, allowed_collisions=frozenset({frozenset(("a", "disc"))}))
+    world = World(Planner(PointRobot(), scene), epoch=1)
+    problem = PlanningProblem(np.array([0.2, 0.5]), [JointGoal(np.array([0.8, 0.5]))])
+    path = FailureRecords(str(tmp_path)).save(PlanningTimeoutError(1.0, 5), world, problem, PlanOptions(), 1)
+    assert path is not None
+    recorded = load_recorded_problem(path)
+    assert recorded.scene.attached["disc"].link == "point"
+    assert recorded.scene.allowed_collisions == scene.allowed_collisions
+    options = PlanOptions(max_samples=200, allowed_seconds=5.0)
+    with pytest.raises(SamplesExhaustedError):
+        Planner(load_reference(recorded.robot), recorded.scene).plan(recorded.problem, options)
 
 
 def test_what_is_not_saved(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -273,6 +273,33 @@ def test_equal_obstacles_are_recognised() -> None:
     assert decomposer.replaced_cells == 0
 
 
+def test_scenes_sent_anew_and_changed_in_turn() -> None:
+    """Comparisons with what was sent, with what a change has left, and with a scene that came after a refused one."""
+    rng = np.random.default_rng(3)
+    decomposer = IncrementalDecomposer(None, ALWAYS)
+    scene = boxes_scene(rng, 12, size=0.5)
+    decomposer.decompose(scene)
+    sheet = ConvexMesh.__new__(ConvexMesh)
+    object.__setattr__(sheet, "vertices", np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
+    for step in range(40):
+        if step % 3 == 0:
+            scene = random_change(rng, scene, 0.5, True)
+        else:
+            scene = Scene.of([_anew(obstacle) for obstacle in scene.obstacles.values()], scene.bounds)
+        if step % 5 == 0:
+            refused = Scene.of([*map(_anew, scene.obstacles.values()), Obstacle.of("sheet", sheet)], scene.bounds)
+            with pytest.raises(InvalidObstacleError):
+                decomposer.decompose(refused)
+        decomposition = decomposer.decompose(scene)
+        assert (decomposer.replaced_cells == 0) == (step % 3 != 0) or not scene.obstacles
+        assert_clearances_are_distances(decomposition, scene, DecompositionOptions())
+
+
+def _anew(obstacle: Obstacle) -> Obstacle:
+    shapes = tuple((shape, Pose(pose.position, pose.quaternion)) for shape, pose in obstacle.shapes)
+    return Obstacle(obstacle.id, shapes, Pose(obstacle.pose.position, obstacle.pose.quaternion))
+
+
 def test_the_last_obstacle_goes_and_a_first_one_comes() -> None:
     decomposer = IncrementalDecomposer(None, ALWAYS)
     scene = Scene.of([], CUBE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bsp_informed_planner.decomposition.scene_comparison import same_obstacles
+from bsp_informed_planner.decomposition.scene_comparison import ObstacleRecord
 from bsp_informed_planner.scene.pose import Pose, same_array
 from bsp_informed_planner.scene.scene import Obstacle
 from bsp_informed_planner.scene.shapes import Box, ConvexMesh, Shape, Sphere
@@ -38,32 +38,27 @@ def mesh(scale: float = 1.0) -> Obstacle:
     ],
 )
 def test_obstacles_are_equal_in_all_that_they_have(first: Obstacle, second: Obstacle, same: bool) -> None:
-    assert same_obstacles([(first, second)]) == [same]
+    records = ObstacleRecord.of(first), ObstacleRecord.of(second)
+    assert records[0].matches(records[1]) == records[1].matches(records[0]) == same
 
 
-def test_each_pair_has_its_own_answer() -> None:
-    """Pairs of different numbers of shapes: no pose of one is taken for that of another."""
+def test_changes_of_any_part_are_seen() -> None:
     rng = np.random.default_rng(0)
-    for _ in range(200):
-        pairs, expected = [], []
-        for _ in range(int(rng.integers(0, 6))):
-            shapes = tuple((Sphere(0.1), Pose.from_xyz_rpy(rng.normal(size=3))) for _ in range(rng.integers(1, 4)))
-            copies: list[tuple[Shape, Pose]] = [
-                (Sphere(0.1), Pose(pose.position, pose.quaternion)) for _, pose in shapes
-            ]
-            change = int(rng.integers(4))
-            if change == 1:
-                copies[-1] = (Sphere(0.2), copies[-1][1])
-            elif change == 2:
-                copies.pop()
-                copies = copies or [(Box(np.ones(3)), HERE)]
-            elif change == 3:
-                copies[0] = (copies[0][0], HERE)
-            pairs.append(
-                (Obstacle("o", shapes, HERE), Obstacle("o", tuple(copies), Pose(HERE.position, HERE.quaternion)))
-            )
-            expected.append(change == 0)
-        assert same_obstacles(pairs) == expected
+    for _ in range(300):
+        shapes = tuple((Sphere(0.1), Pose.from_xyz_rpy(rng.normal(size=3))) for _ in range(rng.integers(1, 4)))
+        poses = [Pose(pose.position, pose.quaternion) for _, pose in shapes]
+        copies: list[tuple[Shape, Pose]] = [(Sphere(0.1), pose) for pose in poses]
+        change = int(rng.integers(4))
+        part = int(rng.integers(len(copies)))
+        if change == 1:
+            copies[part] = (Sphere(0.2), copies[part][1])
+        elif change == 2:
+            copies.append(copies[part])
+        elif change == 3:
+            copies[part] = (copies[part][0], HERE)
+        same_place = Pose(HERE.position, HERE.quaternion)
+        before, after = Obstacle("o", shapes, HERE), Obstacle("o", tuple(copies), same_place)
+        assert ObstacleRecord.of(before).matches(ObstacleRecord.of(after)) == (change == 0)
 
 
 def test_arrays_are_equal_by_value() -> None:

@@ -124,12 +124,13 @@ def nodes(
     params_file: Annotated[
         Path | None, typer.Option(help="ROS parameter file, e.g. config/ur5.yaml.", exists=True, dir_okay=False)
     ] = None,
+    restart: Annotated[bool, typer.Option(help="Start a node again that has crashed.")] = True,
 ) -> None:
     """Start the decomposition, inference and planner nodes, without `ros2 launch`. Ctrl-C stops them."""
     from bsp_informed_planner.cli.nodes import run_nodes
 
     choice = _choice(robot, urdf, srdf, package_dir, tool_frame, lock)
-    raise typer.Exit(run_nodes(choice, namespace, params_file))
+    raise typer.Exit(run_nodes(choice, namespace, params_file, restart))
 
 
 @app.command()

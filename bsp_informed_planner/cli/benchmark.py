@@ -38,6 +38,16 @@ def decomposition(
 
 
 @app.command()
+def nodes(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
+    """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark
+
+    benchmark = nodes_benchmark(quick)
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
+
+
+@app.command()
 def planning(
     quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
 ) -> None:

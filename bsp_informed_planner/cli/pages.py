@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING
 
 import typer
@@ -26,5 +27,6 @@ def open_viewer(title: str, host: str, port: int) -> Viewer:
 
 def serve(viewer: Viewer) -> None:
     """Says where the page is, and serves it until Ctrl-C."""
-    typer.echo(f"open {viewer.address} in a browser; Ctrl-C ends", err=True)
-    viewer.wait()
+    with contextlib.suppress(KeyboardInterrupt):
+        typer.echo(f"open {viewer.address} in a browser; Ctrl-C ends", err=True)
+        viewer.wait()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from bsp_informed_planner.compiled import kernel
-from bsp_informed_planner.decomposition.array_types import Floats, Indices
+from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.decomposition.clipping_kernels import ZERO
 
 
@@ -204,12 +204,13 @@ def clearances(
 def update_clearances(
     points: Floats,
     distances: Floats,
-    gone_vertices: Floats,
-    gone_vertex_offsets: Indices,
-    gone_loops: Indices,
-    gone_loop_offsets: Indices,
-    gone_planes: Floats,
-    gone_facet_offsets: Indices,
+    is_gone: Flags,
+    former_vertices: Floats,
+    former_vertex_offsets: Indices,
+    former_loops: Indices,
+    former_loop_offsets: Indices,
+    former_planes: Floats,
+    former_facet_offsets: Indices,
     vertices: Floats,
     vertex_offsets: Indices,
     loops: Indices,
@@ -222,14 +223,21 @@ def update_clearances(
 
     Args:
         points: (m, 3); distances: (m,) of `clearances`, which are changed in place; NaN where not known.
-        gone_vertices, ...: polytopes that are gone, see `FacetSet`.
+        is_gone: (b,) which of the former polytopes are gone.
+        former_vertices, ...: all former polytopes, see `FacetSet`.
         vertices, ...: polytopes that are new.
         same: distances that differ by less are those of the same polytope [m].
 
     Returns:
         indices of points whose distance is to be computed anew, since it is not known or was that of what is gone.
     """
-    gone_boxes = boxes_around(gone_vertices, gone_vertex_offsets)
+    former_boxes = boxes_around(former_vertices, former_vertex_offsets)
+    gone = np.flatnonzero(is_gone)
+    gone_boxes = np.empty((gone.shape[0], 2, 3))
+    for index in range(gone.shape[0]):
+        for k in range(3):
+            gone_boxes[index, 0, k] = former_boxes[gone[index], 0, k]
+            gone_boxes[index, 1, k] = former_boxes[gone[index], 1, k]
     boxes = boxes_around(vertices, vertex_offsets)
     # Around all of them: most points are far away.
     everything = np.empty((1, 2, 3))
@@ -246,12 +254,13 @@ def update_clearances(
         is_stale = np.isnan(limit)
         if box_gap_square(everything, ZERO, points, i) >= limit * limit:
             continue
-        for body in range(gone_boxes.shape[0]):
-            if is_stale or box_gap_square(gone_boxes, body, points, i) >= limit * limit:
+        for index in range(gone.shape[0]):
+            if is_stale or box_gap_square(gone_boxes, index, points, i) >= limit * limit:
                 continue
+            body = gone[index]
             is_stale = limit > distance_to_polytope(
-                points[i], gone_vertices, gone_loops, gone_loop_offsets, gone_planes,
-                gone_facet_offsets[body], gone_facet_offsets[body + 1], limit,
+                points[i], former_vertices, former_loops, former_loop_offsets, former_planes,
+                former_facet_offsets[body], former_facet_offsets[body + 1], limit,
             )  # fmt: skip
         if is_stale:
             stale[count] = i

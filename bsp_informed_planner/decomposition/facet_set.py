@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
-from bsp_informed_planner.decomposition.selection_kernels import join_bodies, select_bodies
+from bsp_informed_planner.decomposition.selection_kernels import exchange_bodies
 from bsp_informed_planner.scene.polytopes import ConvexPolytope
 
 
@@ -57,11 +57,12 @@ class FacetSet:
     @staticmethod
     def joined(first: FacetSet, second: FacetSet) -> FacetSet:
         """The facets of two sets, in order."""
-        return FacetSet(*join_bodies(*first.arrays, *second.arrays), np.concatenate((first.owners, second.owners)))
+        return first.exchanged(np.zeros(len(first), np.bool_), second)
 
-    def selected(self, chosen: Flags) -> FacetSet:
-        """The facets of those polytopes where `chosen` (b,) is True."""
-        return FacetSet(*select_bodies(*self.arrays, chosen), self.owners[chosen])
+    def exchanged(self, is_gone: Flags, added: FacetSet) -> FacetSet:
+        """The facets of those polytopes that are not gone (b,), and then others."""
+        owners = np.concatenate((self.owners[~is_gone], added.owners))
+        return FacetSet(*exchange_bodies(*self.arrays, is_gone, *added.arrays), owners)
 
     @property
     def arrays(self) -> tuple[Floats, Indices, Indices, Indices, Floats, Indices]:

@@ -13,7 +13,7 @@ from bsp_informed_planner.decomposition.decomposition import Decomposition, deco
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.facets import decomposed_bounds, read_facets
 from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
-from bsp_informed_planner.decomposition.scene_comparison import same_obstacles
+from bsp_informed_planner.decomposition.scene_comparison import ObstacleRecord
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 
 
@@ -43,6 +43,8 @@ class IncrementalDecomposer:
         self._obstacles: Mapping[str, Obstacle] = {}
         self._numbers: dict[str, int] = {}
         self._unused: list[int] = []
+        # Of some of the obstacles, for comparisons. One of an object that is not in the scene does not count.
+        self._records: dict[str, tuple[Obstacle | None, ObstacleRecord | None]] = {}
         # Since everything was replaced last: changed polytopes; and the cells that there were then.
         self._changes = 0
         self._leaves = 0
@@ -73,6 +75,7 @@ class IncrementalDecomposer:
         if former is None or (scene.bounds is not self._bounds and scene.bounds != self._bounds):
             facets, scene_seconds = read_facets(scene, self.options), time.perf_counter() - begin
             construction = construct(facets, bounds, self.options)
+            self._records.clear()
             self._remember(construction, {name: number for number, name in enumerate(scene.obstacles)}, [], None)
         else:
             changed, numbers, gone_numbers = self._compared(scene)
@@ -101,7 +104,7 @@ class IncrementalDecomposer:
                 updated = update(former, gone, added, bounds, self.options, self.limits)
             if updated is None or updated.leaf_count > self.limits.growth * self._leaves:
                 scene_seconds = time.perf_counter() - begin
-                construction = construct(FacetSet.joined(former.facets.selected(~gone), added), bounds, self.options)
+                construction = construct(former.facets.exchanged(gone, added), bounds, self.options)
                 self._remember(construction, numbers, unused, None)
             else:
                 construction = updated
@@ -113,17 +116,25 @@ class IncrementalDecomposer:
         """Obstacles that are new or changed; the numbers of the others; numbers of what is gone."""
         numbers = dict(self._numbers)
         changed: list[Obstacle] = []
-        pairs: list[tuple[Obstacle, Obstacle]] = []
+        gone: list[int] = []
         for name, obstacle in scene.obstacles.items():
             before = self._obstacles.get(name)
+            if before is obstacle:
+                continue
+            changed.append(obstacle)
             if before is None:
-                changed.append(obstacle)
-            elif before is not obstacle:
-                pairs.append((before, obstacle))
-        differing = [obstacle for (_, obstacle), same in zip(pairs, same_obstacles(pairs), strict=True) if not same]
-        gone = [numbers[obstacle.id] for obstacle in differing]
-        changed += differing
-        gone.extend(numbers.pop(name) for name in self._obstacles.keys() - scene.obstacles.keys())
+                continue
+            record, (recorded, former) = ObstacleRecord.of(obstacle), self._records.get(name, (None, None))
+            if former is None or recorded is not before:
+                former = ObstacleRecord.of(before)
+            self._records[name] = obstacle, record
+            if record.matches(former):
+                changed.pop()
+            else:
+                gone.append(numbers[name])
+        for name in self._obstacles.keys() - scene.obstacles.keys():
+            gone.append(numbers.pop(name))
+            self._records.pop(name, None)
         return changed, numbers, gone
 
     def _remember(

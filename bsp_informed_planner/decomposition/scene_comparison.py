@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,40 +10,44 @@ from bsp_informed_planner.scene.pose import same_array
 from bsp_informed_planner.scene.scene import Obstacle
 from bsp_informed_planner.scene.shapes import Shape
 
-_NUMBERS_OF_POSE = 7
 
+class ObstacleRecord(NamedTuple):
+    """What an obstacle is recognised by.
 
-def same_obstacles(pairs: Sequence[tuple[Obstacle, Obstacle]]) -> list[bool]:
-    """For each pair of obstacles, whether they have equal shapes at equal poses.
+    Walking through the objects of a former scene, which no cache holds any more, would take as long as the rest of an
+    update; its records lie close together.
 
-    All poses are compared at once, as bytes that are joined: with a call for each pair, comparing a scene would take as
-    long as the rest of an update.
+    Attributes:
+        poses: the obstacle's and those of its shapes, as bytes.
+        shapes: in their order.
     """
-    same = [True] * len(pairs)
-    # Arrays, as what has a buffer: to type checkers they are that only since Python 3.12.
-    rows: list[Any] = []
-    other_rows: list[Any] = []
-    owners: list[int] = []  # of each pose: which pair it belongs to
-    for number, (one, other) in enumerate(pairs):
-        if len(one.shapes) != len(other.shapes):
-            same[number] = False
-            continue
-        pose, other_pose = one.pose, other.pose
-        rows += (pose.position, pose.quaternion)
-        other_rows += (other_pose.position, other_pose.quaternion)
-        owners.append(number)
-        if one.shapes is other.shapes:
-            continue
-        for (shape, pose), (other_shape, other_pose) in zip(one.shapes, other.shapes, strict=True):
-            rows += (pose.position, pose.quaternion)
-            other_rows += (other_pose.position, other_pose.quaternion)
-            owners.append(number)
-            if shape is not other_shape and not _same_shape(shape, other_shape):
-                same[number] = False
-    differing = np.frombuffer(b"".join(rows)) != np.frombuffer(b"".join(other_rows))
-    for row in np.flatnonzero(differing).tolist():
-        same[owners[row // _NUMBERS_OF_POSE]] = False
-    return same
+
+    poses: bytes
+    shapes: tuple[Shape, ...]
+
+    @staticmethod
+    def of(obstacle: Obstacle) -> ObstacleRecord:
+        """The record of an obstacle."""
+        pose = obstacle.pose
+        # Arrays, as what has a buffer: to type checkers they are that only since Python 3.12.
+        parts: list[Any] = [pose.position, pose.quaternion]
+        for _, local in obstacle.shapes:
+            parts += (local.position, local.quaternion)
+        return ObstacleRecord(b"".join(parts), tuple([shape for shape, _ in obstacle.shapes]))
+
+    def matches(self, other: ObstacleRecord) -> bool:
+        """Whether both have equal shapes at equal poses."""
+        if self.poses != other.poses and not _equal_numbers(self.poses, other.poses):
+            return False
+        for one, another in zip(self.shapes, other.shapes, strict=True):
+            if one is not another and not _same_shape(one, another):
+                return False
+        return True
+
+
+def _equal_numbers(first: bytes, second: bytes) -> bool:
+    """Numbers can be equal in other bytes, as 0.0 and -0.0 are."""
+    return np.array_equal(np.frombuffer(first), np.frombuffer(second))
 
 
 def _same_shape(first: Shape, second: Shape) -> bool:

@@ -151,6 +151,9 @@ class ChainSearch:
         failed_at: int | None = None
         rejected = False
         for lift in lifts:
+            if best is not None and lift.length >= _length(best):
+                # Straight edges are the least that the subpaths can have.
+                continue
             subpaths: list[FloatArray] = []
             for a, b in zip(lift.configurations[:-1], lift.configurations[1:], strict=True):
                 path = self._subpath(a, b)

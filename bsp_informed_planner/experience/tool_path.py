@@ -44,7 +44,7 @@ class ToolPath:
 
 def reference_points(robot: Robot, decomposition: Decomposition, configurations: FloatArray) -> FloatArray:
     """(s, 3) reference point of the robot in configurations (s, n), in the plane of a 2D decomposition [m]."""
-    points = np.array([robot.forward_kinematics(configuration).position for configuration in configurations])
+    points = robot.reference_points(configurations)
     if decomposition.dimension == 2:
         points[:, 2] = decomposition.section_height
     return points

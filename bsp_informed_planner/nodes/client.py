@@ -121,7 +121,7 @@ class SuiteClient:
             graph = self.keypoint_graph
             return graph is not None and (graph.scene_epoch, graph.scene_revision) == (self.epoch, revision)
 
-        self._publisher.publish(message)
+        self.publish_message(message)
         if not self._spin_until(is_answered, seconds):
             raise SuiteUnavailableError(f"the decomposition node did not answer a scene within {seconds:.0f} s")
         assert self._status is not None
@@ -131,6 +131,10 @@ class SuiteClient:
         if not self._spin_until(graph_is_there, seconds):
             raise SuiteUnavailableError(f"no keypoint_graph of scene {revision} within {seconds:.0f} s")
         return revision
+
+    def publish_message(self, message: ObstacleScene) -> None:
+        """Publish a scene, or a change of it, and do not wait for what becomes of it."""
+        self._publisher.publish(message)
 
     def wait_for_scene(self, seconds: float) -> Scene:
         """The scene in force, as soon as there is one.

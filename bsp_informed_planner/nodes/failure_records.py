@@ -61,7 +61,7 @@ class FailureRecords:
         path = self._folder / f"problem-{time}-{os.getpid()}-{number}.yaml"
         try:
             recorded = RecordedProblem(
-                robot=reference_to(world.robot),
+                robot=reference_to(world.bare_robot),
                 scene=world.scene,
                 problem=problem,
                 options=options if seed is None else replace(options, seed=seed),

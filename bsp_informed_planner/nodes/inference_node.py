@@ -183,6 +183,8 @@ class InferenceNode(PlannerSuiteNode):
     def _refuse(self, error: Exception, response: EstimateKeypoints.Response | SampleConfigurations.Response) -> None:
         response.error_code = int(error_code(error))
         response.message = str(error)
+        if not response.scene_revision:
+            response.scene_epoch, response.scene_revision = self._world.epoch, self._world.revision
         if not isinstance(error, BspPlannerError):
             # A caller must never wait for an answer that does not come.
             self.note_error(f"{type(error).__name__}: {error}")

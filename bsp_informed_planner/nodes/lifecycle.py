@@ -27,6 +27,10 @@ T = TypeVar("T", bound=NodeParameters)
 
 #: Between two messages on `diagnostics` [s], whatever time the simulation says.
 DIAGNOSTICS_PERIOD = 1.0
+#: How long a thread may keep the interpreter when others want it [s].
+SWITCH_SECONDS = 5e-4
+#: Exit status of a process whose node could not be configured: to start it again would not help.
+CANNOT_START = 3
 #: How long an error makes diagnostics a warning [s].
 ERROR_SECONDS = 30.0
 
@@ -195,7 +199,8 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         rclpy.init(args=args)
     except rclpy_implementation.RCLError as error:
         # E.g. a parameter file that cannot be read; the first line says it, the rest is a trace through C.
-        sys.exit(f"cannot start: {str(error).splitlines()[0]}")
+        sys.stderr.write(f"cannot start: {str(error).splitlines()[0]}\n")
+        sys.exit(CANNOT_START)
     library = logging.getLogger("bsp_informed_planner")
     library.setLevel(logging.INFO)
     handler: RosLogHandler | None = None
@@ -206,6 +211,8 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         library.addHandler(handler)
         started = node.autostart()
         if started:
+            # Callbacks must not wait for the interpreter while plans run in Python.
+            sys.setswitchinterval(SWITCH_SECONDS)
             executor = MultiThreadedExecutor(num_threads=4)
             executor.add_node(node)
             executor.spin()
@@ -221,4 +228,4 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
             node.destroy_node()
         rclpy.try_shutdown()
     if not started:
-        sys.exit(1)
+        sys.exit(CANNOT_START)

@@ -7,6 +7,7 @@ from typing import Any
 
 from bsp_informed_planner.nodes.decomposition_parameters import DecompositionParameters
 from bsp_informed_planner.nodes.inference_node import InferenceParameters
+from bsp_informed_planner.nodes.moveit_bridge import BridgeParameters
 from bsp_informed_planner.nodes.parameters import NodeParameters, bounds_text
 from bsp_informed_planner.nodes.planner_parameters import PlannerParameters
 
@@ -14,6 +15,7 @@ KINDS: dict[str, type[NodeParameters]] = {
     "decomposition_node": DecompositionParameters,
     "inference_node": InferenceParameters,
     "planner_node": PlannerParameters,
+    "moveit_bridge": BridgeParameters,
 }
 _TYPES = {bool: "bool", int: "int", float: "double", str: "string"}
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 
@@ -21,9 +20,11 @@ from visualization_msgs.msg import MarkerArray
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.failure_records import FailureRecords
+from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.models import MODELS
+from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
 from bsp_informed_planner.nodes.plan_conversions import (
     changes_from_msg,
     options_from_msg,
@@ -40,6 +41,7 @@ from bsp_informed_planner.nodes.world import World, WorldTracker
 from bsp_informed_planner.planning.planner import PreparedPlan
 from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanResult
 from bsp_informed_planner.planning.search import Progress
+from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.visualization.markers import plan_markers
 
@@ -48,6 +50,8 @@ logger = logging.getLogger(__name__)
 
 #: How long a plan waits for a scene revision that its client has heard of before this node has [s].
 SCENE_PATIENCE = 1.0
+#: Between two sets of markers [s].
+MARKER_PERIOD = 0.1
 #: How long the result of an action is kept for a client that has not asked for it yet [s].
 RESULT_TIMEOUT = 30
 #: How long a node that is cleaned up waits for its last answers to be sent [s].
@@ -67,9 +71,7 @@ class PlannerNode(PlannerSuiteNode):
     def setup(self) -> None:
         self._parameter_set = self.follow_parameters(PlannerParameters, self._on_parameters)
         self._defaults = self._settings.plan_options()
-        # Position and time of arrival of each joint.
-        self._joint_states: dict[str, tuple[float, float]] = {}
-        self._joint_lock = threading.Lock()
+        self._joints = JointStateCache(self._settings.joint_state_max_age)
         self._failures = 0
         self._in_flight = 0
         self._records = FailureRecords(self._settings.save_problem_on_failure)
@@ -84,10 +86,12 @@ class PlannerNode(PlannerSuiteNode):
         self.release_with(self.destroy_publisher, self._trajectory_publisher)
         self._marker_publisher = self.create_publisher(MarkerArray, "plan_markers", LATCHED)
         self.release_with(self.destroy_publisher, self._marker_publisher)
+        self._markers = NewestFirstWorker(self._publish_markers, "markers", pause=MARKER_PERIOD)
+        self.release_with(self._markers.stop)
         joint_states = self.create_subscription(
             JointState,
             "joint_states",
-            self._on_joint_states,
+            self._joints.take,
             qos_profile_sensor_data,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
@@ -118,6 +122,7 @@ class PlannerNode(PlannerSuiteNode):
     def _on_parameters(self, settings: PlannerParameters) -> None:
         self._defaults = settings.plan_options()
         self._world.allow_empty_scene = settings.allow_empty_scene
+        self._joints.max_age = settings.joint_state_max_age
         self._guide.timeout = settings.inference_timeout
 
     def _finish_jobs(self) -> None:
@@ -139,17 +144,6 @@ class PlannerNode(PlannerSuiteNode):
             "failures": self._failures,
             **self._plans.values("plans"),
         }
-
-    def _on_joint_states(self, message: JointState) -> None:
-        with self._joint_lock:
-            now = time.monotonic()
-            for name, position in zip(message.name, message.position, strict=False):
-                self._joint_states[name] = (position, now)
-
-    def _recent_joint_states(self) -> dict[str, float]:
-        oldest = time.monotonic() - (self._settings.joint_state_max_age or float("inf"))
-        with self._joint_lock:
-            return {name: position for name, (position, when) in self._joint_states.items() if when >= oldest}
 
     def _on_get_planner_info(
         self, request: GetPlannerInfo.Request, response: GetPlannerInfo.Response
@@ -237,7 +231,7 @@ class PlannerNode(PlannerSuiteNode):
                 int(request.scene_epoch), int(request.scene_revision), SCENE_PATIENCE, cancelled
             )
             world = world.changed(changes_from_msg(request))
-            problem = problem_from_msg(request, world.robot, self._recent_joint_states())
+            problem = problem_from_msg(request, world.robot, self._joints.recent())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
             result = world.planner.solve(plan, self._guidance(world, plan, cancelled))
@@ -252,8 +246,16 @@ class PlannerNode(PlannerSuiteNode):
         response.message = self._summary(result)
         self.get_logger().info(response.message)
         self._trajectory_publisher.publish(response.trajectory)
-        self._marker_publisher.publish(plan_markers(world.robot, result))
+        if self._settings.publish_markers:
+            self._markers.submit((world.robot, result))
         return response
+
+    def _publish_markers(self, item: tuple[Robot, PlanResult]) -> None:
+        """In a thread of their own, when the answer is on its way: markers are for people."""
+        try:
+            self._marker_publisher.publish(plan_markers(*item))
+        except Exception as error:  # noqa: BLE001 -- the worker must go on
+            self.note_error(f"plan_markers: {error}")
 
     def _guidance(self, world: World, plan: PreparedPlan, cancelled: Callable[[], bool]) -> Guidance:
         """From the inference node; else exact keypoints found here; else uniform. The answer says which and why."""

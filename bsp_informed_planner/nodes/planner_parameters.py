@@ -55,6 +55,7 @@ class PlannerParameters(RobotParameters):
         1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0, live=True
     )
 
+    publish_markers: bool = parameter(True, "Publish plan_markers for RViz and Foxglove.", live=True)
     save_problem_on_failure: str = parameter(
         "", "Folder for a file of each plan that fails, which `bsp-planner plan FILE` repeats; empty: none is written."
     )

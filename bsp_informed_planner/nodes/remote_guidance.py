@@ -107,7 +107,9 @@ class RemoteGuide:
         """Wait for an answer: in a worker thread, while the executor's threads go on."""
         while True:
             answer = self._call_once(client, request, end, cancelled)
-            if answer.error_code not in BEHIND or time.monotonic() + RETRY_SECONDS >= end:
+            known = int(answer.scene_epoch), int(answer.scene_revision)
+            behind = known < (request.scene_epoch, request.scene_revision)
+            if answer.error_code not in BEHIND or not behind or time.monotonic() + RETRY_SECONDS >= end:
                 break
             # The scene reached this node first; it is on its way to the other.
             time.sleep(RETRY_SECONDS)

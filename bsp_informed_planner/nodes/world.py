@@ -11,6 +11,7 @@ from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneSta
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode
 
+from bsp_informed_planner.collision.holding import HoldingRobot
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.errors import (
     EmptySceneError,
@@ -51,6 +52,12 @@ class World:
     def robot(self) -> Robot:
         """With what it holds in the scene."""
         return self.planner.robot
+
+    @property
+    def bare_robot(self) -> Robot:
+        """Without what it holds."""
+        robot = self.planner.robot
+        return robot.bare if isinstance(robot, HoldingRobot) else robot
 
     @property
     def scene(self) -> Scene:

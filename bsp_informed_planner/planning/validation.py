@@ -102,7 +102,8 @@ def goal_configurations(
     if not configurations:
         assert first_error is not None
         raise first_error
-    return np.array(sorted(configurations, key=lambda configuration: float(np.linalg.norm(configuration - start))))
+    found = np.array(configurations)
+    return np.asarray(found[np.argsort(np.linalg.norm(found - start, axis=1), kind="stable")])
 
 
 def _continuous_windings(robot: Robot, goal: FloatArray) -> list[FloatArray]:

@@ -173,6 +173,11 @@ class ArmRobot:
         chain = self.chain(frame)
         return chain.forward(values[chain.indices])
 
+    def reference_points(self, configurations: FloatArray) -> FloatArray:
+        """See `Robot.reference_points`."""
+        chain = self.chain()
+        return chain.positions(np.asarray(configurations, dtype=np.float64)[:, chain.indices])
+
     def inverse_kinematics(
         self, pose: Pose, frame: str | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:

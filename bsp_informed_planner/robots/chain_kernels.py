@@ -69,6 +69,16 @@ def chain_pose(
 
 
 @kernel
+def chain_positions(rotations: Floats, offsets: Floats, prismatic: Flags, rows: Floats) -> Floats:
+    """Positions (k, 3) of the frame for rows of joint values (k, m)."""
+    positions = np.empty((rows.shape[0], 3))
+    rotation, axes, origins = np.empty((3, 3)), np.empty((rows.shape[1], 3)), np.empty((rows.shape[1], 3))
+    for k in range(rows.shape[0]):
+        chain_pose(rotations, offsets, prismatic, rows[k], rotation, positions[k], axes, origins)
+    return positions
+
+
+@kernel
 def pose_error(target: Floats, rotation: Floats, position: Floats, e: Floats) -> None:
     """Position error and rotation vector from the pose to the target, both in the root frame, into e (6,)."""
     w = np.empty((3, 3))

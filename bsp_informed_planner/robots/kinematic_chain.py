@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from bsp_informed_planner.robots.chain_kernels import chain_pose, solve_rows
+from bsp_informed_planner.robots.chain_kernels import chain_pose, chain_positions, solve_rows
 from bsp_informed_planner.robots.motion_bound import joint_axes
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -83,6 +83,11 @@ class KinematicChain:
         rotation, position = matrix[:3, :3], matrix[:3, 3]
         chain_pose(self.rotations, self.offsets, self.prismatic, values, rotation, position, axes, origins)
         return matrix
+
+    def positions(self, rows: FloatArray) -> FloatArray:
+        """(k, 3) positions of the frame in the root frame for rows of joint values (k, m)."""
+        rows = np.require(rows, np.float64, ("C", "W"))
+        return chain_positions(self.rotations, self.offsets, self.prismatic, rows)
 
     def solve(
         self,

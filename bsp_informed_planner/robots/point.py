@@ -119,6 +119,10 @@ class PointRobot:
         x, y = configuration
         return Pose(np.array([x, y, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]))
 
+    def reference_points(self, configurations: FloatArray) -> FloatArray:
+        """See `Robot.reference_points`."""
+        return np.column_stack((configurations, np.zeros(len(configurations))))
+
     def inverse_kinematics(
         self, pose: Pose, frame: str | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:

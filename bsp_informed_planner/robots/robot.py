@@ -75,6 +75,10 @@ class Robot(Protocol):
         """
         ...
 
+    def reference_points(self, configurations: FloatArray) -> FloatArray:
+        """(k, 3) origins of the tool frame in configurations (k, n), in the root frame [m]."""
+        ...
+
     def inverse_kinematics(
         self, pose: Pose, frame: str | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:

@@ -152,7 +152,8 @@ class Scene:
         object.__setattr__(self, "attached", MappingProxyType(dict(self.attached)))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return Scene, (dict(self.obstacles), self.bounds, self.frame, self.revision)
+        held, allowed = dict(self.attached), self.allowed_collisions
+        return Scene, (dict(self.obstacles), self.bounds, self.frame, self.revision, held, allowed)
 
     @staticmethod
     def of(obstacles: Sequence[Obstacle], bounds: WorkspaceBounds, frame: str = "world", revision: int = 0) -> Scene:
