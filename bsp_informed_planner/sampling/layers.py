@@ -12,7 +12,7 @@ from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 from bsp_informed_planner.sampling.layer_kernels import shortest_through_layers, wind_rows
-from bsp_informed_planner.scene.pose import FloatArray, Pose
+from bsp_informed_planner.scene.pose import FloatArray
 
 
 def tool_orientations(
@@ -71,8 +71,10 @@ def keypoint_layer(
     Returns:
         (k, n) with 0 <= k <= layer_size.
     """
-    branches = [robot.inverse_kinematics(Pose(point, quaternion)) for quaternion in orientations]
-    candidates = np.concatenate(branches) if branches else np.empty((0, robot.dof))
+    poses = np.tile(np.eye(4), (len(orientations), 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(orientations).as_matrix()
+    poses[:, :3, 3] = point
+    candidates = np.concatenate(robot.inverse_kinematics_batch(poses))
     if not len(candidates):
         return candidates
     wound = nearest_windings(robot, candidates, guess)
