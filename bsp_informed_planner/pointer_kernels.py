@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numba
-from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
+
+# llvmlite, through numba, whose version it has to be.
+ir = cgutils.ir
 
 # Every function called by address takes two pointers to doubles, a number, and a pointer to stored arguments.
 _DOUBLES = types.CPointer(types.float64)  # type: ignore[attr-defined]

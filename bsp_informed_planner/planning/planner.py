@@ -331,8 +331,10 @@ class Planner:
 
         if options.planner_id in OMPL_PLANNER_IDS:
             path = self._ompl_path(plan)
+            used = fitting()
         else:
             path = search.run(list(plan.judges), plan.start, plan.goals, fitting)
+            used = search.guidance or self._unused(options)
         if path is None:
             if budget.samples_left <= 0:
                 raise SamplesExhaustedError(budget.samples)
@@ -342,7 +344,6 @@ class Planner:
         search.report("timing")
         trajectory, verdict = self._timed(path, plan.judges[0], plan)
         search.report("done")
-        used = search.guidance or self._unused(options)
         return PlanResult(
             path=path,
             trajectory=trajectory,

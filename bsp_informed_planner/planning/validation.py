@@ -123,15 +123,19 @@ def _pose_configurations(
     branches = robot.inverse_kinematics(goal.pose, goal.frame)
     if not len(branches):
         raise UnreachablePoseError(goal.pose.position.tolist(), goal.frame or robot.tool_frame)
-    free = branches[[checker.is_free(branch) for branch in branches]]
+    is_free = checker.surely_free(branches)
+    for index in np.flatnonzero(~is_free):
+        is_free[index] = checker.is_free(branches[index])
+    free = branches[is_free]
     if not len(free):
         bodies = checker.colliding_bodies(branches[0])
         assert bodies is not None
         raise StateInCollisionError("goal", bodies)
     # A whole turn leaves the robot where it was, so windings need no check of their own. The nearest winding of every
     # branch comes before the second of any: branches differ in how they can be reached, windings seldom do.
-    wound, distances = closest_windings(free, robot.lower, robot.upper, robot.revolute, start, max_goals)
-    ranks = np.broadcast_to(np.arange(wound.shape[1]), distances.shape)
-    order = np.lexsort((distances.ravel(), ranks.ravel()))
-    order = order[np.isfinite(distances.ravel()[order])][:max_goals]
-    return list(wound.reshape(-1, robot.dof)[order])
+    ranked: list[tuple[int, float, FloatArray]] = []
+    for branch in free:
+        wound, distances = closest_windings(branch, robot.lower, robot.upper, robot.revolute, start, max_goals)
+        ranked += zip(range(len(wound)), distances.tolist(), wound, strict=True)
+    ranked.sort(key=lambda entry: entry[:2])
+    return [configuration for _, _, configuration in ranked[:max_goals]]

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from bsp_informed_planner.robots.winding_kernels import closest
 from bsp_informed_planner.scene.pose import FloatArray
 
 MAX_WINDINGS = 4096
@@ -46,44 +47,25 @@ def windings(
 
 
 def closest_windings(
-    configurations: FloatArray,
+    configuration: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
     revolute: NDArray[np.bool_],
     towards: FloatArray,
     most: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Of each of many configurations the windings that are closest to another configuration.
-
-    The squared distance is a sum over joints, so the closest ones are found joint by joint, never keeping more than are
-    asked for.
+    """The windings of a configuration that are closest to another one.
 
     Args:
-        configurations: (m, n), within the limits.
+        configuration: (n,) within the limits.
         lower, upper: (n,) limits.
         revolute: (n,) which joints turn.
         towards: (n,).
-        most: how many windings of each.
+        most: how many.
 
     Returns:
-        (m, k, n) with k <= most, each configuration's closest first, and their distances (m, k), infinite where there
-        are fewer than k.
+        (k, n) with 1 <= k <= most, the closest first, and their distances (k,).
     """
-    turn = 2 * np.pi
-    count, dof = configurations.shape
-    most_turns = np.where(revolute, np.floor((upper - lower) / turn + 1e-9), 0.0).astype(np.int64)
-    costs = np.zeros((count, 1))
-    wound = np.empty((count, 1, 0))
-    rows = np.arange(count)[:, None]
-    for joint in range(dof):
-        turns = np.arange(-most_turns[joint], most_turns[joint] + 1) * turn
-        values = configurations[:, joint, None] + turns
-        inside = (values >= lower[joint] - 1e-9) & (values <= upper[joint] + 1e-9)
-        values = np.clip(values, lower[joint], upper[joint])
-        steps = np.where(inside, (values - towards[joint]) ** 2, np.inf)
-        total = (costs[:, :, None] + steps[:, None, :]).reshape(count, -1)
-        kept = np.argsort(total, axis=1, kind="stable")[:, :most]
-        costs = total[rows, kept]
-        before, now = np.divmod(kept, len(turns))
-        wound = np.concatenate((wound[rows, before], values[rows, now][..., None]), axis=2)
-    return wound, np.sqrt(costs)
+    rows, costs = np.empty((most, len(configuration))), np.empty(most)
+    count = closest(np.array(configuration), lower, upper, revolute, np.array(towards), rows, costs)
+    return rows[:count], np.sqrt(costs[:count])

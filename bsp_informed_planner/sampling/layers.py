@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 from bsp_informed_planner.sampling.layer_kernels import shortest_through_layers, wind_rows
+from bsp_informed_planner.sampling.orientation_kernels import matrices_at, tool_quaternions
 from bsp_informed_planner.scene.pose import FloatArray
 
 
@@ -32,19 +32,8 @@ def tool_orientations(
     Returns:
         (k, 4) quaternions, the goal's first.
     """
-    first, end = Rotation.from_quat(start), Rotation.from_quat(goal)
-    # All in one: a single rotation costs scipy as much as a dozen.
-    slerp = fraction * (first.inv() * end).as_rotvec()
-    turns = [np.outer(options.tilts, axis) for axis in np.eye(3)[:2]] + [np.outer(options.rolls, np.eye(3)[2])]
-    turned = end * Rotation.from_rotvec(np.concatenate(turns))
-    quaternions = [goal[None], (first * Rotation.from_rotvec(slerp)).as_quat()[None], turned.as_quat()]
-    approach = end.apply([0.0, 0.0, 1.0])
-    towards = normal if normal @ approach >= 0.0 else -normal
-    turn = np.cross(approach, towards)
-    angle = np.arctan2(np.linalg.norm(turn), approach @ towards)
-    if angle > 1e-3:
-        quaternions.append((Rotation.from_rotvec(turn / np.linalg.norm(turn) * angle) * end).as_quat()[None])
-    return np.concatenate(quaternions)
+    tilts, rolls = np.array(options.tilts, dtype=np.float64), np.array(options.rolls, dtype=np.float64)
+    return tool_quaternions(np.array(start), np.array(goal), np.array(normal), float(fraction), tilts, rolls)
 
 
 def keypoint_layer(
@@ -71,9 +60,7 @@ def keypoint_layer(
     Returns:
         (k, n) with 0 <= k <= layer_size.
     """
-    poses = np.tile(np.eye(4), (len(orientations), 1, 1))
-    poses[:, :3, :3] = Rotation.from_quat(orientations).as_matrix()
-    poses[:, :3, 3] = point
+    poses = matrices_at(np.array(point, dtype=np.float64), np.array(orientations, dtype=np.float64))
     candidates = np.concatenate(robot.inverse_kinematics_batch(poses))
     if not len(candidates):
         return candidates
