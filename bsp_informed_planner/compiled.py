@@ -20,7 +20,6 @@ import functools
 import hashlib
 import inspect
 import logging
-import os
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -30,6 +29,8 @@ from typing import Any, TypeVar, overload
 import numba
 import numpy as np
 from numba.core import config
+
+from bsp_informed_planner.user_cache import user_cache
 
 logger = logging.getLogger(__name__)
 
@@ -203,17 +204,11 @@ def _imported_files(source: Path, root: Path) -> tuple[Path, ...]:
 @functools.cache
 def _writable_folder(source: Path, configured: str) -> Path | None:
     try:
-        folder = _user_folder(configured) / "kernels" / f"{source.stem}-{source_hash(source)}"
+        base = Path(configured) if configured else user_cache()
+        folder = base / "kernels" / f"{source.stem}-{source_hash(source)}"
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except (OSError, RuntimeError) as error:  # RuntimeError: there is no home directory
         logger.warning("no cache of compiled kernels (%s): they are compiled at each start", error)
         return None
     return folder
-
-
-def _user_folder(configured: str) -> Path:
-    if configured:
-        return Path(configured)
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "bsp_informed_planner"

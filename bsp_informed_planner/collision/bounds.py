@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import threading
+import time
 from collections.abc import Callable, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +25,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     SphereTree,
 )
 from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
+from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
 from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
@@ -31,6 +36,8 @@ from bsp_informed_planner.robots.motion_bound import axis_distances, joint_axes
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
+
+logger = logging.getLogger(__name__)
 
 #: Intervals of an edge in which no point moves further than this are not halved [m].
 FINEST = 2e-4
@@ -170,13 +177,42 @@ class CollisionBounds:
         )
 
 
-def build_bounds(
+_known: WeakKeyDictionary[Robot, CollisionBounds] = WeakKeyDictionary()
+_building = threading.Lock()
+
+
+def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds:
+    """The bounds of a robot: those made before, from a file, or else built and kept in the user's cache.
+
+    Building takes some ten seconds for an arm, once; it is logged.
+
+    Args:
+        robot: a robot.
+        progress: see `build_covers`.
+    """
+    with _building:
+        bounds = _known.get(robot)
+        if bounds is None:
+            options, sharpening = CoverOptions(), SharpeningOptions()
+            key = cover_key(robot, options, sharpening)
+            covers = load_covers(key)
+            if covers is None:
+                logger.info("building the collision bounds of %s", robot.name)
+                begin = time.perf_counter()
+                covers = build_covers(robot, options, sharpening, progress)
+                logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
+                save_covers(key, covers)
+            bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
+        return bounds
+
+
+def build_covers(
     robot: Robot,
     options: CoverOptions | None = None,
     sharpening: SharpeningOptions | None = None,
     progress: Progress | None = None,
-) -> CollisionBounds:
-    """Bounds of a robot, made anew. See `CoverBuilder` and `sharpen_close_pairs`.
+) -> list[Cover]:
+    """Covers of a robot's groups of bodies, made anew. See `CoverBuilder` and `sharpen_close_pairs`.
 
     Args:
         robot: a robot.
@@ -194,22 +230,22 @@ def build_bounds(
         if progress is not None:
             progress(number + 1, len(groups.members) + 1)
 
-    def bounds() -> CollisionBounds:
-        return CollisionBounds(robot, groups, [builder.cover() for builder in builders])
+    def covers() -> list[Cover]:
+        return [builder.cover() for builder in builders]
 
     nothing = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame)
     judge = ExactChecker(robot, nothing)
 
     def undecided(configurations: FloatArray) -> FloatArray:
         verdicts = np.empty(len(configurations), dtype=np.int64)
-        state_verdicts(configurations, bounds().checks(nothing), verdicts)
+        state_verdicts(configurations, CollisionBounds(robot, groups, covers()).checks(nothing), verdicts)
         open_ones = configurations[verdicts == UNDECIDED]
         return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
 
     sharpen_close_pairs(robot, groups, builders, undecided, sharpening or SharpeningOptions())
     if progress is not None:
         progress(len(groups.members) + 1, len(groups.members) + 1)
-    return bounds()
+    return covers()
 
 
 def _turned_frames(axes: FloatArray) -> list[FloatArray]:

@@ -1,8 +1,8 @@
 """The arrays that the verdict kernels read and write.
 
 Sixteen states are looked at together, one a lane: sixteen numbers in a row, which processors handle at once. A quantity
-of all lanes is a slice of a flat row, STRIDE numbers long: the lanes, one more that continues the last two in a straight
-line, so that every lane has a next one, and room.
+of all lanes is a slice of a flat row, STRIDE numbers long: the lanes, one more that continues the last two in a line,
+so that every lane has a next one, and room.
 """
 
 from __future__ import annotations

@@ -101,7 +101,9 @@ class CoverBuilder:
         self._balls = np.concatenate([np.empty((0, 4)), *(body.balls for body in bodies)])
         cells = np.concatenate([np.empty((0, 7)), *(self._cells(i) for i in range(len(self._solids)))])
         cells = cells[self._rng.permutation(len(cells))]
-        self._medial = np.concatenate([np.empty((0, 4)), *(self._medial_balls(i, cells) for i in range(len(self._solids)))])
+        self._medial = np.concatenate(
+            [np.empty((0, 4)), *(self._medial_balls(i, cells) for i in range(len(self._solids)))]
+        )
         exact = np.zeros((len(self._balls), 7))
         exact[:, :3], exact[:, 4], exact[:, 5] = self._balls[:, :3], -self._balls[:, 3], self._balls[:, 3]
         exact[:, 6] = -1.0
@@ -144,7 +146,7 @@ class CoverBuilder:
         """`refine`, with cells that are small enough for a protrusion finer than those of the options."""
         if node.children:
             return
-        finest = 0.5 * protrusion * self._options.cells_per_protrusion
+        finest = 0.5 * protrusion * self._options.cells_per_protrusion * (1.0 + 1e-6)
         coarse = node.cells[:, 3] > finest
         parts = [node.cells[~coarse]]
         for index, solid in enumerate(self._solids):

@@ -19,9 +19,9 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
 )
 from bsp_informed_planner.compiled import kernel
 
-# Options of kernels that run for every pair of spheres. Inputs are finite (`verdict_kernels` sees to it), and radii have
-# room for any order of sums. These kernels allocate nothing, and need not count references to the slices of arrays that
-# they pass on: that alone would take ten times as long as a test.
+# Options of kernels that run for every pair of spheres. Inputs are finite (`verdict_kernels` sees to it), and radii
+# have room for any order of sums. These kernels allocate nothing, and need not count references to the slices of arrays
+# that they pass on: that alone would take ten times as long as a test.
 FAST = {"fastmath": {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}, "_nrt": False}
 
 # Rows of `Scratch.turning` after the frame.
@@ -104,7 +104,7 @@ def place_joints(chain: Chain, values: Singles, frames: Singles, turning: Single
     """Frames of all joints from their values (n, LANES): half angles as of `reduced_half`, or slides [m]."""
     root = frames[0]
     for i in range(FRAME_ROWS):
-        value = ONE if i == 0 or i == 4 or i == 8 else ZERO  # noqa: PLR1714
+        value = ONE if i == 0 or i == 4 or i == 8 else ZERO
         for k in range(STRIDE):
             root[i * STRIDE + k] = value
             turning[i * STRIDE + k] = value
@@ -194,7 +194,7 @@ def place_sphere(
 
 
 @kernel(forceinline=True, **FAST)
-def spheres_touch(a: Singles, b: Singles, radii: np.float32, bend: np.float32, swept: bool, open: Lanes) -> int:
+def spheres_touch(a: Singles, b: Singles, radii: np.float32, bend: np.float32, swept: bool, open: Lanes) -> np.int32:
     """In how many open lanes two spheres touch, whose radii sum up to `radii`.
 
     If swept, in how many they may in the intervals beside the lane: as `place_sphere` says, for one relative to the

@@ -34,7 +34,7 @@ from bsp_informed_planner.compiled import kernel
 
 
 @kernel(forceinline=True, **FAST)
-def near_bounds(row: Singles, box: Singles, open: Lanes) -> int:
+def near_bounds(row: Singles, box: Singles, open: Lanes) -> np.int32:
     """A box along the axes, given by its corners."""
     x0, y0, z0, x1, y1, z1 = box[0], box[1], box[2], box[3], box[4], box[5]
     total = np.int32(0)
@@ -46,7 +46,7 @@ def near_bounds(row: Singles, box: Singles, open: Lanes) -> int:
 
 
 @kernel(forceinline=True, **FAST)
-def near_box(row: Singles, part: Singles, open: Lanes) -> int:
+def near_box(row: Singles, part: Singles, open: Lanes) -> np.int32:
     cx, cy, cz, hx, hy, hz = part[0], part[1], part[2], part[3], part[4], part[5]
     a0, a1, a2, b0, b1, b2 = part[6], part[7], part[8], part[9], part[10], part[11]
     c0, c1, c2 = part[12], part[13], part[14]
@@ -61,7 +61,7 @@ def near_box(row: Singles, part: Singles, open: Lanes) -> int:
 
 
 @kernel(forceinline=True, **FAST)
-def near_ball(row: Singles, part: Singles, first: int, open: Lanes) -> int:
+def near_ball(row: Singles, part: Singles, first: int, open: Lanes) -> np.int32:
     cx, cy, cz, radius = part[first], part[first + 1], part[first + 2], part[first + 3]
     total = np.int32(0)
     for k in range(LANES):
@@ -72,7 +72,7 @@ def near_ball(row: Singles, part: Singles, first: int, open: Lanes) -> int:
 
 
 @kernel(forceinline=True, **FAST)
-def near_cylinder(row: Singles, part: Singles, open: Lanes) -> int:
+def near_cylinder(row: Singles, part: Singles, open: Lanes) -> np.int32:
     cx, cy, cz, ax, ay, az, radius, half = part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7]
     total = np.int32(0)
     for k in range(LANES):
@@ -86,7 +86,7 @@ def near_cylinder(row: Singles, part: Singles, open: Lanes) -> int:
 
 
 @kernel(forceinline=True, **FAST)
-def near_cone(row: Singles, part: Singles, open: Lanes) -> int:
+def near_cone(row: Singles, part: Singles, open: Lanes) -> np.int32:
     """In the half-plane of radius and height, a cone is a triangle: its base or its slant is nearest."""
     cx, cy, cz, ax, ay, az, radius, half = part[0], part[1], part[2], part[3], part[4], part[5], part[6], part[7]
     height = half + half
@@ -107,7 +107,7 @@ def near_cone(row: Singles, part: Singles, open: Lanes) -> int:
 
 
 @kernel(forceinline=True, **FAST)
-def near_half_space(row: Singles, part: Singles, open: Lanes) -> int:
+def near_half_space(row: Singles, part: Singles, open: Lanes) -> np.int32:
     nx, ny, nz, offset = part[0], part[1], part[2], part[3]
     total = np.int32(0)
     for k in range(LANES):
@@ -117,7 +117,7 @@ def near_half_space(row: Singles, part: Singles, open: Lanes) -> int:
 
 
 @kernel(**FAST)
-def near_polytope(row: Singles, part: Singles, planes: Singles, surely: bool, open: Lanes, hits: Lanes) -> int:
+def near_polytope(row: Singles, part: Singles, planes: Singles, surely: bool, open: Lanes, hits: Lanes) -> np.int32:
     """Lanes in which no plane is clear of the sphere: distances from planes are lower bounds of the distance.
 
     `surely`: lanes in which it touches for certain: its centre is inside of all planes, or it meets the ball inside.
@@ -149,7 +149,7 @@ def near_polytope(row: Singles, part: Singles, planes: Singles, surely: bool, op
 @kernel(**FAST)
 def near_part(
     row: Singles, kind: int, part: Singles, planes: Singles, surely: bool, open: Lanes, hits: Lanes
-) -> int:
+) -> np.int32:
     """In how many open lanes a sphere touches a part. `surely`: all these are certain; else all others are clear."""
     if kind == BOX:
         return near_box(row, part, open)

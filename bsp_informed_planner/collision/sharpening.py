@@ -15,7 +15,6 @@ from bsp_informed_planner.collision.solid_kernels import touching_balls
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
 
-
 logger = logging.getLogger(__name__)
 
 
@@ -35,9 +34,9 @@ class SharpeningOptions:
     rounds: int = 3
     configurations: int = 6000
     most_tried: int = 150
-    factor: float = 0.4
-    finest: float = 8e-4
-    most_balls: int = 150
+    factor: float = 0.5
+    finest: float = 6e-4
+    most_balls: int = 200
 
 
 # Tells which of configurations (m, n), free of self-collision, are left undecided by the covers as they are: (k, n).
@@ -69,7 +68,9 @@ def sharpen_close_pairs(
     rng = np.random.default_rng(seed)
     data = robot.model.createData()
     for _ in range(options.rounds):
-        tried = undecided(rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof)))[: options.most_tried]
+        tried = undecided(rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof)))[
+            : options.most_tried
+        ]
         leaves = [builder.leaves() for builder in builders]
         balls = [np.array([leaf.ball for leaf in group]) for group in leaves]
         blame: dict[tuple[int, int], int] = {}

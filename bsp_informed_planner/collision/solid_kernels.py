@@ -180,7 +180,7 @@ def cut_into_cells(
     Returns:
         (n, CELL_SIZE).
     """
-    levels = 2 + max(int(math.ceil(math.log2(half / finest))), 0)
+    levels = 2 + int(max(np.ceil(np.log2(half / finest)), 0.0))
     count = near.shape[0]
     lists = np.empty((levels + 1, count), np.int64)
     lengths = np.empty(levels + 1, np.int64)
@@ -265,7 +265,7 @@ def recut_cells(
     finest: float,
     coarsest: float,
 ) -> Floats:
-    """Smaller cells, (m, CELL_SIZE), that cover what a solid has in common with each of some cells (n, ...) in a ball."""
+    """Smaller cells, (m, CELL_SIZE), that cover what a solid shares with each of some cells (n, ...) of a ball."""
     nearest = np.empty(3)
     distances = np.empty(triangles.shape[0])
     for t in range(triangles.shape[0]):

@@ -120,7 +120,9 @@ def body_of(item: pin.GeometryObject, spacing: float) -> Body:
         return solid(_prism(geometry.radius, geometry.halfLength), _ring_gap(geometry.radius))
     if isinstance(geometry, coal.Cone):
         ring = _ring(geometry.radius) - [0.0, 0.0, geometry.halfLength]
-        return solid(hull_polytope(np.append(ring, [[0.0, 0.0, geometry.halfLength]], axis=0)), _ring_gap(geometry.radius))
+        return solid(
+            hull_polytope(np.append(ring, [[0.0, 0.0, geometry.halfLength]], axis=0)), _ring_gap(geometry.radius)
+        )
     if isinstance(geometry, coal.Ellipsoid):
         ball, inner = _unit_ball()
         radii = np.asarray(geometry.radii).reshape(3)
@@ -134,7 +136,9 @@ def body_of(item: pin.GeometryObject, spacing: float) -> Body:
 
 def _triangles(polytope: ConvexPolytope) -> FloatArray:
     """(m, 3, 3) triangles of its faces."""
-    corners = [polytope.vertices[[face[0], face[i], face[i + 1]]] for face in polytope.faces for i in range(1, len(face) - 1)]
+    corners = [
+        polytope.vertices[[face[0], face[i], face[i + 1]]] for face in polytope.faces for i in range(1, len(face) - 1)
+    ]
     return np.array(corners)
 
 

@@ -24,7 +24,7 @@ STACK_RESERVE = 512
 
 
 @kernel(forceinline=True, **FAST)
-def count_open(open: Lanes) -> int:
+def count_open(open: Lanes) -> np.int32:
     total = np.int32(0)
     for k in range(LANES):
         total += open[k]
@@ -209,4 +209,4 @@ def close_hit_lanes(
                 ended = groups_touch(a, b, robot, tree, margin, scratch, rows, ages, swept, surely, stop)
                 if ended:
                     break
-    return ended or count_open(scratch.open) < before
+    return ended or bool(count_open(scratch.open) < before)
