@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
-from bsp_informed_planner.collision.bounds import CollisionBounds, build_bounds
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import Sphere
 
-
-@cache
-def _bounds() -> CollisionBounds:
-    return build_bounds(PointRobot())
+ROBOT = PointRobot()
 
 
 class Balls:
@@ -38,7 +33,7 @@ class Balls:
         self.scene = Scene.of(obstacles, bounds)
 
     def verdicts(self) -> Verdicts:
-        return Verdicts(_bounds().checks(self.scene))
+        return BoundedChecker(ROBOT, self.scene).verdicts
 
     def is_edge_free(self, start: FloatArray, end: FloatArray) -> bool:
         """The truth."""

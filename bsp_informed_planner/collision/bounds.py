@@ -30,7 +30,8 @@ from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
 from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
 from bsp_informed_planner.collision.solids import body_of
-from bsp_informed_planner.collision.verdict_kernels import UNDECIDED, state_verdicts
+from bsp_informed_planner.collision.verdict_calls_kernels import UNDECIDED
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.motion_bound import axis_distances, joint_axes
 from bsp_informed_planner.robots.robot import Robot
@@ -237,8 +238,8 @@ def build_covers(
     judge = ExactChecker(robot, nothing)
 
     def undecided(configurations: FloatArray) -> FloatArray:
-        verdicts = np.empty(len(configurations), dtype=np.int64)
-        state_verdicts(configurations, CollisionBounds(robot, groups, covers()).checks(nothing), verdicts)
+        bounds = CollisionBounds(robot, groups, covers())
+        verdicts = Verdicts(bounds.checks(nothing)).of_states(configurations)
         open_ones = configurations[verdicts == UNDECIDED]
         return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
 

@@ -38,7 +38,7 @@ class CollisionChecker(Protocol):
         ...
 
     def surely_free_edges(self, path: FloatArray) -> NDArray[np.bool_]:
-        """(m - 1,) which edges of a path (m, n) are known to be free without much ado; `is_edge_free` knows the rest."""
+        """(m - 1,) which edges of a path (m, n) are known to be free without much ado; see `surely_free`."""
         ...
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:

@@ -34,10 +34,10 @@ LONGEST_INTERVAL = 0.1
 
 @kernel
 def is_finite(configuration: Floats) -> bool:
+    finite = True
     for value in configuration:
-        if not np.isfinite(value):
-            return False
-    return True
+        finite = finite and np.isfinite(value)
+    return finite
 
 
 @kernel

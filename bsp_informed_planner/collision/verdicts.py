@@ -6,7 +6,13 @@ import numpy as np
 
 from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.collision.verdict_batch_kernels import edge_verdicts, state_verdicts
-from bsp_informed_planner.collision.verdict_calls_kernels import INTERVALS, UNDECIDED, examined_edge, judgement
+from bsp_informed_planner.collision.verdict_calls_kernels import (
+    INTERVALS,
+    UNDECIDED,
+    examined_edge,
+    judgement,
+    state_verdict,
+)
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
 
 
@@ -25,6 +31,10 @@ class Verdicts:
     def __init__(self, checks: Checks) -> None:
         self._checks = checks
         self.judgement = judgement(checks)
+
+    def of_state(self, configuration: Floats) -> int:
+        """The verdict on a configuration (n,), contiguous."""
+        return state_verdict(configuration, self.judgement)
 
     def of_states(self, configurations: Floats) -> Indices:
         """(m,) the verdict on each of the configurations (m, n)."""

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.temporary import bounds_of
-from bsp_informed_planner.collision.verdicts import Verdicts
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.experience.options import CollectionOptions
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.path import path_length
@@ -19,7 +17,6 @@ from bsp_informed_planner.planning.search import sampling_bounds
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.planning.subset_kernels import Space
-from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.planning.worker import OPTIMALITY_TOLERANCE
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
@@ -50,8 +47,7 @@ class ProblemSolver:
         self._options = options
         finest = (options.search_resolution or default_search_resolution(robot)) / 96.0
         self.padding = padding
-        self._verdicts = Verdicts(bounds_of(robot).checks(scene, padding))
-        self.checker = CertifyingChecker(ExactChecker(robot, scene, padding=padding), finest, self._verdicts)
+        self.checker = BoundedChecker(robot, scene, padding, finest)
         self._max_step = 0.03 * float(np.linalg.norm(robot.upper - robot.lower))
 
     def solve_subproblem(
@@ -79,7 +75,7 @@ class ProblemSolver:
             return path
         space = self._space(path[0], path[-1], rng)
         space.bound[0] = path_length(path)
-        tree = RrtStar(self._verdicts, space, self._max_step)
+        tree = RrtStar(self.checker.verdicts, space, self._max_step)
         tree.insert_path(path)
         tree.solve(SampleSource(len(path[0]), rng), _budget(samples), gain=1.0)
         found = tree.best_path()
@@ -121,9 +117,10 @@ class ProblemSolver:
 
     def _connect(self, space: Space, rng: np.random.Generator, budget: Budget) -> FloatArray | None:
         unsure = ~self.checker.surely_free(space.ends)
-        trees = RrtConnect(self._verdicts, space, self._max_step, unsure)
-        return trees.solve(SampleSource(len(space.weights), rng), budget, ask=ASK_UNSURE, judge=self.checker.passes)
+        trees = RrtConnect(self.checker.verdicts, space, self._max_step, unsure)
+        source = SampleSource(len(space.weights), rng)
+        return trees.solve(source, budget, ask=ASK_UNSURE, judge=self.checker.is_edge_free)
 
     def _shortened(self, path: FloatArray, rng: np.random.Generator) -> FloatArray:
         space = self._space(path[0], path[-1], rng)
-        return shortcut(path, self._verdicts, space, _budget(1), self._options.shortcut_attempts)
+        return shortcut(path, self.checker.verdicts, space, _budget(1), self._options.shortcut_attempts)

@@ -70,14 +70,13 @@ def record_growth(
     plan = planner.prepare(problem, options, cancelled=cancelled)
     guidance = planner.guide(plan)
     judge, rng = plan.judges[0], np.random.default_rng(plan.seed)
-    assert judge.bounds is not None
     box = sampling_bounds(planner.robot, plan.start, plan.goals)
     space = new_space(plan.start, plan.goals, *box, rng, plan.search.incumbent.weights)
     source = SampleSource(planner.robot.dof, rng)
     if guidance.sampler is not None:
         clipped = ClippedSampler(guidance.sampler, planner.robot.lower, planner.robot.upper)
         source = SampleSource(planner.robot.dof, rng, clipped, options.uniform_fraction)
-    trees = RrtConnect(judge.bounds, space, plan.search.max_step)
+    trees = RrtConnect(judge.verdicts, space, plan.search.max_step)
     trees.seed([chain.configurations for chain in guidance.chains])
-    path = trees.solve(source, plan.budget, ask=ASK_ALL, judge=judge.passes)
+    path = trees.solve(source, plan.budget, ask=ASK_ALL, judge=judge.is_edge_free)
     return Growth(GrownTree(*trees.start_tree()), GrownTree(*trees.goal_tree()), path, plan.budget.samples)

@@ -6,13 +6,14 @@ import time
 
 import numpy as np
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.errors import PlanningCancelledError
 from bsp_informed_planner.ompl_workers.process import OmplWorkers
 from bsp_informed_planner.ompl_workers.request import OmplRequest
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.problem import PlanOptions
 from bsp_informed_planner.planning.search import SAME_STATE, Search, sampling_bounds
-from bsp_informed_planner.planning.verification import CertifyingChecker, verified
+from bsp_informed_planner.planning.verification import verified
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
@@ -52,7 +53,7 @@ class OmplPathSearch:
         self._budget: Budget = search.budget
         self._rng = rng
 
-    def run(self, last: CertifyingChecker, start: FloatArray, goals: FloatArray) -> FloatArray | None:
+    def run(self, last: BoundedChecker, start: FloatArray, goals: FloatArray) -> FloatArray | None:
         """Search until the planner is done or the budget is spent.
 
         Args:
@@ -109,7 +110,7 @@ class OmplPathSearch:
             return True
         return False
 
-    def _take(self, path: FloatArray, last: CertifyingChecker) -> bool:
+    def _take(self, path: FloatArray, last: BoundedChecker) -> bool:
         """Verify a path. Returns whether no more are wanted."""
         search = self._search
         found = search.incumbent.path is not None

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.holding import robot_in_scene
-from bsp_informed_planner.collision.temporary import bounds_of
-from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -49,7 +48,6 @@ from bsp_informed_planner.planning.rrt_star import require_room
 from bsp_informed_planner.planning.search import Progress, Search
 from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.planning.validation import free_state, goal_configurations
-from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
 from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
@@ -61,8 +59,8 @@ logger = logging.getLogger(__name__)
 #: Time kept back for timing the path that is returned: a share of what is allowed, at most so many seconds.
 RESERVE_SHARE = 0.15
 RESERVE_SECONDS = 0.3
-#: Checkers of different paddings that are kept.
-MAX_CHECKERS = 8
+#: Judges of different paddings that are kept, and idle ones of each.
+MAX_JUDGES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +72,7 @@ class PreparedPlan:
         goals: (k, n) free, the nearest first.
         options: of the plan.
         seed: of its generator.
-        judges: the last check, with bounds, one for each thread.
+        judges: the last check, one for each thread.
         checks_before: what the judges had checked before.
         budget, search: what it spends, and how.
     """
@@ -83,7 +81,7 @@ class PreparedPlan:
     goals: FloatArray
     options: PlanOptions
     seed: int
-    judges: tuple[CertifyingChecker, ...]
+    judges: tuple[BoundedChecker, ...]
     checks_before: int
     budget: Budget
     search: Search
@@ -161,11 +159,10 @@ class Planner:
         self._guide_options = guide_options
         self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
-        self._checkers = {0.0: ExactChecker(self.robot, scene)}
-        self._collision_bounds = bounds_of(self.robot)
-        self._checks = {0.0: self._collision_bounds.checks(scene)}
-        # Judges that no plan uses at the moment, by padding and resolution: one takes milliseconds to make.
-        self._idle: dict[tuple[float, float], list[CertifyingChecker]] = {}
+        self._finest = default_search_resolution(self.robot) / 96.0
+        # By padding and resolution: judges to make others from, and others that no plan uses at the moment.
+        self._judges = {(0.0, self._finest): BoundedChecker(self.robot, scene, finest=self._finest)}
+        self._idle: dict[tuple[float, float], list[BoundedChecker]] = {}
 
     @property
     def decomposition(self) -> Decomposition:
@@ -180,35 +177,25 @@ class Planner:
 
     def checker(self, padding: float = 0.0) -> ExactChecker:
         """An exact collision checker of its own for the caller. `padding`: distance to keep from obstacles [m]."""
-        with self._lock:
-            if padding not in self._checkers:
-                self._checkers[padding] = ExactChecker(self.robot, self.scene, padding=padding)
-            # Paddings that callers make up must not pile up.
-            if len(self._checkers) > MAX_CHECKERS:
-                self._checkers = {padding: self._checkers[padding]}
-            return self._checkers[padding].clone()
+        return self.judge(padding).judge
 
-    def _bounds(self, padding: float) -> Verdicts:
-        """Conservative verdicts of its own for the caller."""
-        with self._lock:
-            if padding not in self._checks:
-                self._checks[padding] = self._collision_bounds.checks(self.scene, padding)
-            if len(self._checks) > MAX_CHECKERS:
-                self._checks = {padding: self._checks[padding]}
-            return Verdicts(self._collision_bounds.for_thread(self._checks[padding]))
-
-    def judge(self, padding: float = 0.0, finest: float | None = None) -> CertifyingChecker:
-        """The last check of edges, with bounds, of its own for the caller.
+    def judge(self, padding: float = 0.0, finest: float | None = None) -> BoundedChecker:
+        """The last check of configurations and edges, of its own for the caller.
 
         Args:
             padding: distance to keep from obstacles [m].
-            finest: see `EdgeCertifier` [m]; None: the default of `PlanOptions.verification_resolution`.
+            finest: shortest interval of its proofs [m]; None: the default of `PlanOptions.verification_resolution`.
         """
-        checker = self.checker(padding)
-        finest = default_search_resolution(self.robot) / 96.0 if finest is None else finest
-        return CertifyingChecker(checker, finest, self._bounds(padding))
+        key = padding, self._finest if finest is None else finest
+        with self._lock:
+            if key not in self._judges:
+                # Paddings that callers make up must not pile up.
+                if len(self._judges) >= MAX_JUDGES:
+                    self._judges.clear()
+                self._judges[key] = BoundedChecker(self.robot, self.scene, *key)
+            return self._judges[key].clone()
 
-    def _judge(self, padding: float, finest: float) -> CertifyingChecker:
+    def _judge(self, padding: float, finest: float) -> BoundedChecker:
         """A judge that nobody else uses; `_release` gives it back."""
         with self._lock:
             idle = self._idle.get((padding, finest))
@@ -219,9 +206,9 @@ class Planner:
     def _release(self, plan: PreparedPlan) -> None:
         key = (plan.options.padding, plan.search.verification_resolution)
         with self._lock:
-            if len(self._idle) > MAX_CHECKERS:
+            if len(self._idle) >= MAX_JUDGES:
                 self._idle.clear()
-            self._idle[key] = [*self._idle.get(key, []), *plan.judges][:MAX_CHECKERS]
+            self._idle[key] = [*self._idle.get(key, []), *plan.judges][:MAX_JUDGES]
 
     def plan(
         self,
@@ -363,7 +350,7 @@ class Planner:
         ompl = OmplPathSearch(self.ompl_workers, self.robot, self.scene, plan.options, plan.search, rng)
         return ompl.run(plan.judges[0], plan.start, plan.goals)
 
-    def _timed(self, path: FloatArray, judge: CertifyingChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
+    def _timed(self, path: FloatArray, judge: BoundedChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
         """Time a verified path, its corners as round as they can be while it stays certified, if the path is.
 
         Raises:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_search_resolution
-from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
@@ -127,7 +127,7 @@ class Search:
 
     def run(
         self,
-        judges: list[CertifyingChecker],
+        judges: list[BoundedChecker],
         start: FloatArray,
         goals: FloatArray,
         guidance: Guidance | Callable[[], Guidance],
@@ -135,7 +135,7 @@ class Search:
         """Search as the planner id says.
 
         Args:
-            judges: the last check, with bounds; one for each thread.
+            judges: the last check; one for each thread.
             start: (n,) free.
             goals: (k, n) free, the nearest first.
             guidance: chains and sampler, or what makes them once they are needed.

@@ -1,11 +1,10 @@
-"""Compiles the kernels of collision checking and planning by a small problem."""
+"""Compiles the kernels of this part by a small problem."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.collision.bounds import build_bounds
-from bsp_informed_planner.collision.verdicts import Verdicts
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.rrt_star import RrtStar
@@ -23,7 +22,7 @@ def warm_up() -> None:
     robot = PointRobot()
     box = Obstacle.of("box", Box(np.array([0.2, 0.8, 1.0])), Pose.from_xyz_rpy([0.5, 0.4, 0.0]))
     scene = Scene.of([box], WorkspaceBounds(-np.ones(3), 2.0 * np.ones(3)))
-    verdicts = Verdicts(build_bounds(robot).checks(scene))
+    verdicts = BoundedChecker(robot, scene).verdicts
     start, goal, rng = np.array([0.1, 0.1]), np.array([0.9, 0.1]), np.random.default_rng(0)
     verdicts.of_states(start[None])
     verdicts.of_edges(start[None], goal[None])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
@@ -16,7 +17,6 @@ from bsp_informed_planner.planning.rrt_star import RrtStar
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
-from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.sampler import ClippedSampler, Sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -68,7 +68,7 @@ class Worker:
 
     Args:
         problem: see there.
-        last: the last check of edges, with bounds; of this thread.
+        last: the last check of edges; of this thread.
         budget: shared.
         rng: generator of this thread.
         incumbent: the best path, shared.
@@ -77,15 +77,14 @@ class Worker:
     def __init__(
         self,
         problem: Problem,
-        last: CertifyingChecker,
+        last: BoundedChecker,
         budget: Budget,
         rng: np.random.Generator,
         incumbent: Incumbent,
     ) -> None:
-        assert last.bounds is not None
         self._problem = problem
         self._last = last
-        self._verdicts = last.bounds
+        self._verdicts = last.verdicts
         self._budget = budget
         self._rng = rng
         self._incumbent = incumbent
@@ -129,7 +128,7 @@ class Worker:
         trees, budget = self._trees, self._budget
 
         def grow(source: SampleSource, ask: int, effort: int) -> FloatArray | None:
-            return trees.solve(source, budget, ask=ask, judge=self._last.passes, effort=effort, is_over=is_over)
+            return trees.solve(source, budget, ask=ask, judge=self._last.is_edge_free, effort=effort, is_over=is_over)
 
         path = grow(self._uniform, ASK_UNSURE, HEAD_START)
         chains: list[FloatArray] = []
@@ -168,7 +167,7 @@ class Worker:
             free = code == FREE
             if code == UNDECIDED and ask > 0:
                 ask -= 1
-                free = self._last.passes(start, goal)
+                free = self._last.is_edge_free(start, goal)
             if free:
                 return np.array((start, goal))
         return None
@@ -211,7 +210,7 @@ class Worker:
                 trees.seed(chains)
                 chains = []
                 found = trees.solve(
-                    self._mixture, self._budget, ask=ASK_UNSURE, judge=self._last.passes, effort=patience
+                    self._mixture, self._budget, ask=ASK_UNSURE, judge=self._last.is_edge_free, effort=patience
                 )
                 if found is not None:
                     self._offer(self.shortened(found), on_better)
@@ -254,7 +253,7 @@ class Worker:
         )
         ask, effort = ASK_UNSURE, GUIDED
         while not self._budget.is_spent():
-            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._last.passes, effort=effort)
+            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._last.is_edge_free, effort=effort)
             if path is None:
                 # Without a path so far, one may need edges that the bounds leave open.
                 ask, effort = (ask, effort) if tree.best_cost < np.inf else (ASK_ALL, 2 * effort)
