@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import LANES, Checks, Indices
+from bsp_informed_planner.collision.check_arrays_kernels import LANES, STOP, SURELY, SWEPT, Checks, Indices
 from bsp_informed_planner.collision.lane_kernels import bound_accelerations, place_joints, reduced_half
 from bsp_informed_planner.collision.tree_kernels import close_hit_lanes
 from bsp_informed_planner.compiled import kernel
@@ -30,10 +30,10 @@ LONGEST_INTERVAL = 0.1
 
 @kernel
 def is_finite(configuration: Floats) -> bool:
+    finite = True
     for value in configuration:
-        if not np.isfinite(value):
-            return False
-    return True
+        finite &= bool(np.isfinite(value))
+    return finite
 
 
 @kernel
@@ -52,9 +52,12 @@ def place_robot(start: Floats, step: Floats, begin: float, spacing: float, check
     place_joints(chain, values, checks.scratch.frames, checks.scratch.turning)
 
 
-@kernel
-def hits_outer(checks: Checks, swept: bool, stop: bool) -> bool:
-    """`close_hit_lanes` with the outer spheres."""
+# Inlined, since a function of its own would be one more copy of all that it calls to compile.
+
+
+@kernel(inline="always")
+def hits_outer(checks: Checks, mode: np.int64) -> bool:
+    """`close_hit_lanes` with the outer spheres; mode: sum of SWEPT and STOP."""
     scratch = checks.scratch
     return close_hit_lanes(
         checks.robot,
@@ -64,15 +67,13 @@ def hits_outer(checks: Checks, swept: bool, stop: bool) -> bool:
         scratch,
         scratch.outer,
         scratch.outer_ages,
-        swept,
-        False,
-        stop,
+        mode,
     )
 
 
-@kernel
-def hits_inner(checks: Checks, stop: bool) -> bool:
-    """`close_hit_lanes` with the inner spheres."""
+@kernel(inline="always")
+def hits_inner(checks: Checks, mode: np.int64) -> bool:
+    """`close_hit_lanes` with the inner spheres; mode: STOP or 0."""
     scratch = checks.scratch
     scratch.slack[:] = np.float32(0.0)
     return close_hit_lanes(
@@ -83,9 +84,7 @@ def hits_inner(checks: Checks, stop: bool) -> bool:
         scratch,
         scratch.inner,
         scratch.inner_ages,
-        False,
-        True,
-        stop,
+        np.int64(SURELY) | mode,
     )
 
 
@@ -98,10 +97,10 @@ def state_verdict(configuration: Floats, checks: Checks) -> int:
     place_robot(configuration, configuration, 0.0, 0.0, checks)
     scratch.open[:] = 1
     scratch.slack[:] = np.float32(0.0)
-    if not hits_outer(checks, False, True):
+    if not hits_outer(checks, np.int64(STOP)):
         return FREE
     scratch.open[:] = 1
-    if hits_inner(checks, True):
+    if hits_inner(checks, np.int64(STOP)):
         return COLLIDING
     return UNDECIDED
 
@@ -129,14 +128,14 @@ def state_verdicts(configurations: Floats, checks: Checks, verdicts: Indices) ->
         place_joints(chain, scratch.values, scratch.frames, scratch.turning)
         scratch.slack[:] = np.float32(0.0)
         asked = scratch.open.copy()
-        hit = hits_outer(checks, False, False)
+        hit = hits_outer(checks, np.int64(0))
         for k in range(lanes):
             if asked[k] == 1 and scratch.open[k] == 1:
                 verdicts[begin + k] = FREE
             scratch.open[k] = asked[k] & (1 - scratch.open[k])
         if hit:
             asked[:] = scratch.open
-            hits_inner(checks, False)
+            hits_inner(checks, np.int64(0))
             for k in range(lanes):
                 if asked[k] == 1 and scratch.open[k] == 0:
                     verdicts[begin + k] = COLLIDING
@@ -200,22 +199,22 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tu
         if undecided and left.shape[0] == 0:
             # The edge is not free for certain, but it may still be in collision for certain.
             scratch.open[:] = 1
-            if hits_inner(checks, True):
+            if hits_inner(checks, np.int64(STOP)):
                 return COLLIDING, 0
             continue
         for group in range(robot.joints.shape[0]):
             scratch.bend[group] = scratch.accelerations[group] * np.float32(spacing * spacing)
             scratch.slack[group] = scratch.bend[group] * np.float32(0.125)
         scratch.open[:] = 1
-        if not hits_outer(checks, True, False):
+        if not hits_outer(checks, np.int64(SWEPT)):
             continue
         failed = 1 - scratch.open
         scratch.open[:] = 1
-        if hits_inner(checks, True):
+        if hits_inner(checks, np.int64(STOP)):
             return COLLIDING, 0
         # States that the spheres hit as they are: halving will not help there.
         scratch.open[:] = failed
-        hits_outer(checks, False, False)
+        hits_outer(checks, np.int64(0))
         stuck = failed & (1 - scratch.open)
         halve = motion * spacing > checks.finest
         k = 0
