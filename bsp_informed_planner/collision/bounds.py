@@ -26,6 +26,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
 )
 from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
 from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
+from bsp_informed_planner.collision.cover_kernels import enclosing_ball
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
 from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
@@ -44,6 +45,8 @@ logger = logging.getLogger(__name__)
 FINEST = 2e-4
 # Half the distance between 1 and the next number in single precision.
 _ROUNDING = 2.0**-24
+# Added to inner radii, and taken from obstacles' cores [m].
+_ROOM = 1e-6
 _STACK, _INTERVALS = 4096, 512
 
 # Is told the number of groups that are done, and of all groups.
@@ -108,11 +111,11 @@ class CollisionBounds:
                 levers[group] = np.where(distances > 0.0, distances * (1.0 + 1e-6), 0.0)
                 levers[group, _movers(model, joint)] = np.maximum(levers[group, _movers(model, joint)], 1e-6)
         self.reach = reach
-        rounding = 48.0 * (count + 2) * _ROUNDING * reach
+        rounding = self._rounding = 48.0 * (count + 2) * _ROUNDING * reach
         self.arrays = RobotBounds(
             chain=chain,
             outer=_tree([(cover.outer, cover.ends) for cover in covers], groups, turns, rounding),
-            inner=_tree([(cover.inner, cover.inner_ends) for cover in covers], groups, turns, -rounding),
+            inner=_tree([_flat_tree(cover.inner) for cover in covers], groups, turns, -rounding),
             joints=groups.joints,
             exposed=(groups.joints > 0).astype(np.int64),
             pairs=groups.pairs,
@@ -137,11 +140,13 @@ class CollisionBounds:
             raise InvalidOptionError("finest", finest, "a positive distance [m]")
         reach = self.reach + padding + 0.01
         rounding = 64.0 * _ROUNDING * reach
+        # Inner radii lack the rounding of the robot's places: here it is the cores that bear it, since a robot may be a
+        # point. A little more than nothing is added, for a point touches only what is closer than its radius.
         return Checks(
             self.arrays,
-            pack_obstacles(scene, reach),
+            pack_obstacles(scene, reach, self._rounding + rounding + _ROOM),
             padding + rounding,
-            padding - rounding,
+            padding + self._rounding + _ROOM,
             finest,
             np.array(self.robot.motion_radii, dtype=np.float64),
             self._scratch(),
@@ -274,6 +279,18 @@ def _chain_length(model: pin.Model, prismatic: np.ndarray, joint: int) -> float:
             index = model.joints[mover + 1].idx_v
             length += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index]))
     return length
+
+
+def _flat_tree(balls: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """A tree whose leaves are some balls, all below one node."""
+    if len(balls) < 2:
+        return balls, np.arange(1, len(balls) + 1)
+    cells = np.zeros((len(balls), 6))
+    cells[:, :3], cells[:, 5] = balls[:, :3], balls[:, 3]
+    root = enclosing_ball(cells, np.append(balls[:, :3].mean(axis=0), 0.0))
+    ends = np.arange(1, len(balls) + 2)
+    ends[0] = len(balls) + 1
+    return np.concatenate([root[None], balls]), ends
 
 
 def _tree(

@@ -22,12 +22,12 @@ class EnclosedBodies:
     """Finds small obstacles, and links, inside the hollow of a link.
 
     coal sees a triangle mesh as a surface: a cup inside the upper arm touches nothing, nor does a flange that was
-    folded into it. A body that does not touch the surface of a link is inside the link if one of its points is. So a point of
-    each body is looked up in the bounding box of each link, by coal, and where it is inside, its winding number around
-    the link's surface decides (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized
-    winding numbers", 2013). Bodies too large for a link's bounding box are left out from the start; mostly none
-    remain of the obstacles. Of a point cloud each piece that hangs together is an obstacle of its own here, so that
-    clutter measured inside a link counts.
+    folded into it. A body that does not touch the surface of a link is inside the link if one of its points is. So a
+    point of each body is looked up in the bounding box of each link, by coal, and where it is inside, its winding
+    number around the link's surface decides (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation
+    using generalized winding numbers", 2013). Bodies too large for a link's bounding box are left out from the start;
+    mostly none remain of the obstacles. Of a point cloud each piece that hangs together is an obstacle of its own here,
+    so that clutter measured inside a link counts.
 
     Not thread-safe: each thread has its own (`clone`).
     """

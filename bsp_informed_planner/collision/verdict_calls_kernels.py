@@ -68,7 +68,18 @@ def _empty_checks() -> Checks:
         stack=pairs,
         intervals=np.zeros((0, 2)),
     )
-    return Checks(robot, Obstacles(table, indices, indices, table, table), 0.0, 0.0, 0.0, np.zeros(0), scratch)
+    obstacles = Obstacles(
+        boxes=table, ends=indices, kinds=indices, parts=table, planes=table, cores=table, core_planes=table
+    )
+    return Checks(
+        robot=robot,
+        obstacles=obstacles,
+        outer_margin=0.0,
+        inner_margin=0.0,
+        finest=0.0,
+        motion=np.zeros(0),
+        scratch=scratch,
+    )
 
 
 _load = loader(type_of(_empty_checks()))
