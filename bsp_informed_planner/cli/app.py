@@ -206,7 +206,8 @@ def decompose(
     scene: Annotated[
         Path, typer.Argument(help="Scene or problem file: our YAML, or a MoveIt planning scene.", exists=True)
     ],
-    dimension: Annotated[int, typer.Option(help="3, or 2 for the plane z = 0.", min=2, max=3)] = 3,
+    dimension: Annotated[int, typer.Option(help="3, or 2 for a horizontal section.", min=2, max=3)] = 3,
+    height: Annotated[float, typer.Option(help="Of the section, with --dimension 2: its z [m].")] = 0.0,
     grid: Annotated[int, typer.Option(help="Keypoint candidates along each side of a portal; odd.", min=1)] = 3,
     json: Annotated[bool, typer.Option("--json", help="Print cells, portals, candidates and times as JSON.")] = False,
     png: Annotated[Path | None, typer.Option(help="Draw cells, portals and candidates into this file.")] = None,
@@ -216,8 +217,10 @@ def decompose(
 ) -> None:
     """Partition a scene file by BSP, and say what came of it."""
     from bsp_informed_planner.cli.decompose import run_decompose
+    from bsp_informed_planner.decomposition.options import DecompositionOptions
 
-    raise typer.Exit(run_decompose(scene, dimension, grid, json, png, (host, port) if view else None))
+    options = DecompositionOptions(dimension=dimension, grid=grid, section_height=height)
+    raise typer.Exit(run_decompose(scene, options, json, png, (host, port) if view else None))
 
 
 @app.command()
