@@ -58,6 +58,7 @@ _BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
     (errors.UnknownFrameError, ErrorCode.FRAME_TRANSFORM_FAILURE),
     (errors.UnknownPlannerError, ErrorCode.INVALID_GROUP_NAME),
     (errors.UnknownSamplerError, ErrorCode.INVALID_GROUP_NAME),
+    (errors.ModelUnavailableError, ErrorCode.INVALID_GROUP_NAME),
     (errors.UnsupportedRequestError, ErrorCode.INVALID_GOAL_CONSTRAINTS),
     (errors.MissingPackageError, ErrorCode.INVALID_GROUP_NAME),
     (errors.InvalidOptionError, ErrorCode.PLANNING_FAILED),
