@@ -33,7 +33,7 @@ def draw_plane_samples(
     """
     figure, axes = plane_panel(scene, title, [f"{len(samples)} samples", f"{len(chain) - 2} keypoints"])
     draw_walls(axes, scene, 0.0)
-    axes.scatter(*samples[:, :2].T, s=12, color=[GRAPH], linewidths=0, zorder=4)
+    axes.scatter(samples[:, 0], samples[:, 1], s=12, color=[GRAPH], linewidths=0, zorder=4)
     overlay.draw_progress_line(axes, chain[:, :2], 1.5)
     overlay.draw_badges(axes, chain[1:-1, :2], chain[0, :2], chain[-1, :2])
     handles: list[Artist] = [
