@@ -503,3 +503,58 @@ class DatasetMismatchError(DatasetError):
         self.found = found
         self.expected = expected
         super().__init__(path, f"{what}: the dataset has {found}, expected {expected}")
+
+
+# --- networks ------------------------------------------------------------------------------------------------------
+
+
+class ModelError(BspPlannerError):
+    """A model cannot be read or written.
+
+    Attributes:
+        path: its file.
+        reason: what is wrong.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class ModelMismatchError(BspPlannerError):
+    """A model is of another robot, dimension or kind than is needed.
+
+    Attributes:
+        model: its name.
+        what: in which they differ, e.g. "joints of the robot".
+        found: in the model's card.
+        expected: what is needed.
+    """
+
+    def __init__(self, model: str, what: str, found: object, expected: object) -> None:
+        self.model = model
+        self.what = what
+        self.found = found
+        self.expected = expected
+        super().__init__(f"model '{model}': {what}: its card has {found}, expected {expected}")
+
+
+class ModelUnavailableError(BspPlannerError):
+    """There is no model for a robot.
+
+    Attributes:
+        kinds: of models that would have done.
+        folder: where they were looked for.
+        robot: its name.
+    """
+
+    def __init__(self, kinds: Sequence[str], folder: str, robot: str) -> None:
+        self.kinds = tuple(kinds)
+        self.folder = folder
+        self.robot = robot
+        super().__init__(f"no model of kind {' or '.join(self.kinds)} for robot '{robot}' in {folder}")
+
+
+class TrainingError(BspPlannerError):
+    """A training cannot begin, go on, or be used; the text says why."""

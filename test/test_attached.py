@@ -218,6 +218,15 @@ def test_what_cannot_be_attached_is_named(arm: Robot) -> None:
         ExactChecker(arm, holding(body))
 
 
+def test_pickled_scenes_keep_what_the_robot_holds() -> None:
+    scene = replace(holding(stick(), CUBE, allowed=(frozenset({"cube", "stick"}),)), frame="base", revision=3)
+    again = pickle.loads(pickle.dumps(scene))
+    assert list(again.obstacles) == ["cube"]
+    assert (again.frame, again.revision) == ("base", 3)
+    assert again.attached["stick"].link == "tool0"
+    assert again.allowed_collisions == scene.allowed_collisions
+
+
 def test_holding_robots_are_robots(arm: Robot) -> None:
     scene = holding(stick())
     held = robot_in_scene(arm, scene)

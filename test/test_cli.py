@@ -94,7 +94,7 @@ def test_decompose_counts_and_draws(maze_file: Path, tmp_path: Path) -> None:
     result = runner.invoke(app, ["decompose", str(maze_file), "--dimension", "2", "--json"])
     content = json.loads(result.stdout)
     assert content["free_cells"] >= len(content["cells"]) > 0
-    assert len(content["portals_of_cells"]) == content["portals"]
+    assert len(content["portal_polygons"]) == content["portals"]
     assert len(content["candidate_points"]) == content["candidates"]
 
 

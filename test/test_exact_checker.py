@@ -11,9 +11,10 @@ import pinocchio as pin
 import pytest
 
 from bsp_informed_planner.collision.checker import CollisionChecker
-from bsp_informed_planner.collision.enclosure import triangle_corners, winding_number
+from bsp_informed_planner.collision.enclosure import triangle_corners
 from bsp_informed_planner.collision.exact import ExactChecker, bisection_order
 from bsp_informed_planner.collision.geometry import create_geometry_data
+from bsp_informed_planner.collision.solid_kernels import solid_angle_winding
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.arm import ArmRobot, load_arm
 from bsp_informed_planner.robots.demo_arms import panda, ur5
@@ -341,8 +342,8 @@ def test_an_obstacle_inside_a_link_collides(arm: ArmRobot) -> None:
     configuration = np.array([0.3, -1.0, 0.8, 0.2, 0.1, 0.0])
     surface = triangle_corners(arm.collision_model.geometryObjects[2].geometry)
     inner = np.array([0.0, 0.0, 0.2])
-    assert winding_number(surface, inner) == pytest.approx(1.0, abs=0.01)
-    assert winding_number(surface, inner + [0.2, 0, 0]) == pytest.approx(0.0, abs=0.01)
+    assert solid_angle_winding(inner, surface) == pytest.approx(1.0, abs=0.01)
+    assert solid_angle_winding(inner + [0.2, 0, 0], surface) == pytest.approx(0.0, abs=0.01)
     place = arm.forward_kinematics(configuration, "upper_arm_link")
     for shape in (Sphere(0.01), Box(np.full(3, 0.02)), Cylinder(0.01, 0.02), ConvexMesh(0.01 * CUBE), Cone(0.01, 0.02)):
         inside = Obstacle.of("crumb", shape, Pose(place.apply(inner), place.quaternion))

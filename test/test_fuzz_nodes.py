@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from bsp_informed_planner_msgs.msg import AllowedCollision, AttachedObstacle, Obstacle, ObstacleScene
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
@@ -172,6 +172,9 @@ def test_points(message: PointCloud2) -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, len(URDF)), st.integers(0, 12), st.text(max_size=6)), min_size=1, max_size=4))
+@example([(0, 0, "a\x00")])
+@example([(5, 0, "\ud800")])
+@example([(0, 0, "<?xml version='1.0' encoding='nonsense'?>")])
 def test_descriptions(cuts: list[tuple[int, int, str]]) -> None:
     text = URDF
     for place, length, insert in cuts:

@@ -23,7 +23,7 @@ from bsp_informed_planner.decomposition.graph import (
     visits_along,
 )
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.errors import KeypointsUnavailableError
+from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError
 from bsp_informed_planner.scene.maze import clearance, environment, is_visible, random_maze
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene
@@ -244,6 +244,11 @@ def test_reasons_of_failure() -> None:
         assert caught.value.reason == reason
     with pytest.raises(ValueError, match="expected"):
         shortest_chain(decomposition, [0.0, 0.0], free)
+    for weight in (-1.0, np.nan, np.inf):
+        with pytest.raises(InvalidOptionError):
+            shortest_chain(decomposition, free, free, clearance_weight=weight)
+    with pytest.raises(ValueError, match="not finite"):
+        cells_along(decomposition, [free, [0.0, np.nan, 0.0]])
 
 
 def test_keypoints_on_a_surface_are_not_in_the_obstacle() -> None:

@@ -74,7 +74,9 @@ def test_the_wheel_holds_the_package_and_its_data(unpacked: Path) -> None:
             assert (unpacked / data.relative_to(ROOT)).is_file(), data
     share = unpacked / f"{NAME}-{VERSION}.data" / "data" / "share"
     for kind in ("launch", "config"):
-        assert {p.name for p in (share / NAME / kind).iterdir()} == {p.name for p in (ROOT / kind).glob("*.[py]*")}
+        installed = {path.relative_to(share / NAME) for path in (share / NAME / kind).rglob("*.*")}
+        there = {path.relative_to(ROOT) for path in (ROOT / kind).rglob("*") if path.suffix in (".py", ".yaml", ".xml")}
+        assert installed == there
     assert (share / NAME / "package.xml").is_file()
     assert (share / "ament_index" / "resource_index" / "packages" / NAME).is_file()
     info = unpacked / f"{NAME}-{VERSION}.dist-info"

@@ -119,7 +119,8 @@ def test_own_methods_have_histories(easy: ShelfProblem, name: str) -> None:
     assert isinstance(goal, JointGoal)
     assert history.costs[-1] >= np.linalg.norm(goal.configuration - start) - 1e-9
     first = methods()[name].run(Run(easy, 3, 5.0, True))
-    assert len(first.costs) == 1
+    # As found, and shortened.
+    assert 1 <= len(first.costs) <= 2
 
 
 def test_restarts_are_many(easy: ShelfProblem) -> None:

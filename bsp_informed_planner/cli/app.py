@@ -206,7 +206,8 @@ def decompose(
     scene: Annotated[
         Path, typer.Argument(help="Scene or problem file: our YAML, or a MoveIt planning scene.", exists=True)
     ],
-    dimension: Annotated[int, typer.Option(help="3, or 2 for the plane z = 0.", min=2, max=3)] = 3,
+    dimension: Annotated[int, typer.Option(help="3, or 2 for a horizontal section.", min=2, max=3)] = 3,
+    height: Annotated[float, typer.Option(help="Of the section, with --dimension 2: its z [m].")] = 0.0,
     grid: Annotated[int, typer.Option(help="Keypoint candidates along each side of a portal; odd.", min=1)] = 3,
     json: Annotated[bool, typer.Option("--json", help="Print cells, portals, candidates and times as JSON.")] = False,
     png: Annotated[Path | None, typer.Option(help="Draw cells, portals and candidates into this file.")] = None,
@@ -216,8 +217,10 @@ def decompose(
 ) -> None:
     """Partition a scene file by BSP, and say what came of it."""
     from bsp_informed_planner.cli.decompose import run_decompose
+    from bsp_informed_planner.decomposition.options import DecompositionOptions
 
-    raise typer.Exit(run_decompose(scene, dimension, grid, json, png, (host, port) if view else None))
+    options = DecompositionOptions(dimension=dimension, grid=grid, section_height=height)
+    raise typer.Exit(run_decompose(scene, options, json, png, (host, port) if view else None))
 
 
 @app.command()
@@ -310,6 +313,55 @@ def collect(
                 scheduler,
                 goals,
                 epsilon,
+            )
+        )
+    )
+
+
+@app.command()
+def train(
+    dataset: Annotated[Path, typer.Argument(help="Folder of a dataset, see `collect`.", exists=True, file_okay=False)],
+    out: Annotated[Path, typer.Option(help="Folder of weights, card, checkpoint and TensorBoard curves.")],
+    model: Annotated[
+        str,
+        typer.Option(help="heatmap, sequential_regression, segment_cvae, cvae, cvae_shortest_path or gmm."),
+    ] = "heatmap",
+    name: Annotated[str | None, typer.Option(help="Of the files; default: family of the problems and model.")] = None,
+    problems: Annotated[int | None, typer.Option(help="Train on at most so many problems.", min=1)] = None,
+    steps: Annotated[int | None, typer.Option(help="Steps of the optimiser; default: by model.", min=1)] = None,
+    batch_size: Annotated[int | None, typer.Option(help="Examples a step, on all devices.", min=1)] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="The largest; it falls as a cosine.")] = None,
+    validate_every: Annotated[int | None, typer.Option(help="Steps between validations and checkpoints.")] = None,
+    patience: Annotated[
+        int | None, typer.Option(help="End after so many validations without a better one; 0: never.", min=0)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of weights, order and augmentation.", min=0)] = 0,
+    device: Annotated[str, typer.Option(help="cpu or cuda; for several processes start with torchrun.")] = "cpu",
+    threads: Annotated[int, typer.Option(help="Of torch, in each process.", min=1)] = 1,
+) -> None:
+    """Train a model on a dataset (the paper's Algorithm 1).
+
+    After Ctrl-C or a kill the same command goes on from the last checkpoint, to the same end. On several devices:
+    torchrun --nproc-per-node N -m bsp_informed_planner.cli.app train ...
+    """
+    from bsp_informed_planner.cli.train import TrainArguments, run_train
+
+    raise typer.Exit(
+        run_train(
+            TrainArguments(
+                dataset,
+                model,
+                out,
+                name,
+                problems,
+                steps,
+                batch_size,
+                learning_rate,
+                validate_every,
+                patience,
+                seed,
+                device,
+                threads,
             )
         )
     )

@@ -20,19 +20,21 @@ from bsp_informed_planner.scene.outside import outside_warning
 
 
 def run_decompose(
-    path: Path, dimension: int, grid: int, as_json: bool, png: Path | None, page: tuple[str, int] | None = None
+    path: Path, options: DecompositionOptions, as_json: bool, png: Path | None, page: tuple[str, int] | None = None
 ) -> int:
     """Decompose a scene file, print, draw, serve a page at a host and port. Returns the exit status."""
-    if grid % 2 == 0:
-        raise InvalidOptionError("--grid", grid, "an odd number, so that the centre of each portal is a candidate")
+    if options.grid % 2 == 0:
+        expected = "an odd number, so that the centre of each portal is a candidate"
+        raise InvalidOptionError("--grid", options.grid, expected)
     scene = load_scene(path)
     prepare_output("--png", png)
     warning = outside_warning(scene)
     if warning:
         typer.echo(f"warning: {warning}", err=True)
-    # Loading kernels is not what the times are about.
+    # Loading kernels and libraries is not what the times are about.
     ensure_compiled()
-    result = decompose(scene, DecompositionOptions(dimension=dimension, grid=grid))
+    decompose(scene, options)
+    result = decompose(scene, options)
     counts = {
         "obstacles": len(scene.obstacles),
         "facets": result.facet_count,
@@ -59,9 +61,13 @@ def run_decompose(
         content = {
             **counts,
             **timings,
+            "frame": scene.frame,
+            "length_unit": "m",
+            "dimension": options.dimension,
+            "bounds": {"lower": scene.bounds.lower.tolist(), "upper": scene.bounds.upper.tolist()},
             "warnings": [warning] if warning else [],
             "cells": cells,
-            "portals_of_cells": portals,
+            "portal_polygons": portals,
             "candidate_points": result.candidates.tolist(),
             "candidate_portals": result.candidate_portals.tolist(),
             "candidate_clearances": result.candidate_clearances.tolist(),

@@ -1,4 +1,4 @@
-"""Obstacles that lie wholly inside a link of the robot."""
+"""Obstacles, and links, that lie wholly inside a link of the robot."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.geometry import create_geometry_data, octree_voxels, voxel_octree
+from bsp_informed_planner.collision.solid_kernels import solid_angle_winding
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.voxels import connected_pieces
 
@@ -17,15 +18,16 @@ from bsp_informed_planner.scene.voxels import connected_pieces
 _POINT = 1e-9
 
 
-class EnclosedObstacles:
-    """Finds small obstacles inside the hollow of a link.
+class EnclosedBodies:
+    """Finds small obstacles, and links, inside the hollow of a link.
 
-    coal sees a triangle mesh as a surface: a cup inside the upper arm touches nothing. An obstacle that does not touch
-    the surface of a link is inside the link if one of its points is. So a point of each obstacle is looked up in the
-    bounding box of each link, by coal, and where it is inside, its winding number around the link's surface decides
-    (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013).
-    Obstacles too large for a link's bounding box are left out from the start; mostly none remain. Of a point cloud each
-    piece that hangs together is an obstacle of its own here, so that clutter measured inside a link counts.
+    coal sees a triangle mesh as a surface: a cup inside the upper arm touches nothing, nor does a flange that was
+    folded into it. A body that does not touch the surface of a link is inside the link if one of its points is. So a point of
+    each body is looked up in the bounding box of each link, by coal, and where it is inside, its winding number around
+    the link's surface decides (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized
+    winding numbers", 2013). Bodies too large for a link's bounding box are left out from the start; mostly none
+    remain of the obstacles. Of a point cloud each piece that hangs together is an obstacle of its own here, so that
+    clutter measured inside a link counts.
 
     Not thread-safe: each thread has its own (`clone`).
     """
@@ -36,6 +38,7 @@ class EnclosedObstacles:
         collision_model: pin.GeometryModel,
         links: list[int],
         obstacles: list[int],
+        link_pairs: list[tuple[int, int]],
         may_touch: Callable[[int, int], bool] = lambda link, obstacle: False,
     ) -> None:
         """
@@ -44,6 +47,7 @@ class EnclosedObstacles:
             collision_model: holds the robot's geometry and the obstacles.
             links: indices of the robot's moving geometries.
             obstacles: indices of the obstacles' geometries, which are solid and fixed in the root frame.
+            link_pairs: indices of the robot's geometries that are checked against each other.
             may_touch: whether a link may touch an obstacle, and so hold it inside.
         """
         self._model = model
@@ -53,38 +57,44 @@ class EnclosedObstacles:
         self._surfaces: dict[int, FloatArray] = {}
         # Of each link with a hollow the bounding box, in the frame of its geometry.
         self._bounds: dict[int, tuple[FloatArray, FloatArray]] = {}
-        # Of each obstacle that fits somewhere a point of it, or of each piece: (k, 3), in the root frame.
-        self._points: dict[int, FloatArray] = {}
-        for link in links:
+        # Of each body that fits somewhere: its joint, and a point of it, or of each piece (k, 3), in the joint's frame.
+        self._points: dict[int, tuple[int, FloatArray]] = {}
+        for link in sorted({*links, *(link for pair in link_pairs for link in pair)}):
             geometry = collision_model.geometryObjects[link].geometry
             if isinstance(geometry, coal.BVHModelBase):
                 self._bounds[link] = _local_bounds(geometry)
         sizes = {link: high - low for link, (low, high) in self._bounds.items()}
+        hosts = {body: [link for link in links if link in sizes] for body in obstacles}
+        for first, second in link_pairs:
+            for host, body in ((first, second), (second, first)):
+                if host in sizes:
+                    hosts.setdefault(body, []).append(host)
         boxes: dict[int, int] = {}
-        for obstacle in obstacles if sizes else ():
-            item = collision_model.geometryObjects[obstacle]
+        for body, links_around in hosts.items():
+            item = collision_model.geometryObjects[body]
             if isinstance(item.geometry, coal.OcTree):
-                voxels = _pieces(item.geometry, list(sizes.values()))
+                voxels = _pieces(item.geometry, [sizes[link] for link in links_around])
                 if not len(voxels):
                     continue
-                fitting, placement = list(sizes), item.placement
+                fitting, placement = links_around, item.placement
                 probe = voxel_octree(voxels, item.geometry.getResolution())
                 centres = (voxels + 0.5) * item.geometry.getResolution()
-                self._points[obstacle] = centres @ placement.rotation.T + placement.translation
+                points = centres @ placement.rotation.T + placement.translation
             else:
-                fitting = [link for link, size in sizes.items() if _fits(item.geometry, size)]
+                fitting = [link for link in links_around if _fits(item.geometry, sizes[link])]
                 if not fitting:
                     continue
-                probe, placement = coal.Sphere(_POINT), pin.SE3(np.eye(3), _inner_point(item))
-                self._points[obstacle] = placement.translation[None]
-            index = self._add(f"obstacle/{obstacle}", 0, placement, probe)
+                probe, placement = coal.Sphere(_POINT), pin.SE3(np.eye(3), _some_point(item))
+                points = placement.translation[None]
+            self._points[body] = int(item.parentJoint), points
+            index = self._add(f"body/{body}", int(item.parentJoint), placement, probe)
             for link in fitting:
-                if may_touch(link, obstacle):
+                if may_touch(link, body):
                     continue
                 if link not in boxes:
                     boxes[link] = self._add_box(link)
                 self._probes.addCollisionPair(pin.CollisionPair(boxes[link], index))
-                self._pairs.append((link, obstacle))
+                self._pairs.append((link, body))
         self._create_scratch()
 
     def _create_scratch(self) -> None:
@@ -93,9 +103,9 @@ class EnclosedObstacles:
         self._probe_data = create_geometry_data(self._probes)
         self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._probes, self._probe_data)
 
-    def clone(self) -> EnclosedObstacles:
+    def clone(self) -> EnclosedBodies:
         """One of the same robot and obstacles, for another thread."""
-        other = object.__new__(EnclosedObstacles)
+        other = object.__new__(EnclosedBodies)
         other.__dict__.update(self.__dict__)
         other._surfaces = dict(self._surfaces)
         other._create_scratch()
@@ -103,28 +113,30 @@ class EnclosedObstacles:
 
     @property
     def candidates(self) -> int:
-        """How many pairs of a link and an obstacle are looked at."""
+        """How many pairs of a link and a body are looked at."""
         return len(self._pairs)
 
     def find(self, configuration: FloatArray) -> tuple[int, int] | None:
-        """Indices of a link's geometry and of an obstacle inside it, or None.
+        """Indices of a link's geometry and of a body inside it, or None.
 
         Args:
-            configuration: (n,) in which no link touches an obstacle.
+            configuration: (n,) in which no link touches an obstacle or another link.
         """
         if not self._pairs:
             return None
         if not pin.computeCollisions(self._model, self._data, self._broadphase, configuration, True):
             return None
-        for index, (link, obstacle) in enumerate(self._pairs):
+        for index, (link, body) in enumerate(self._pairs):
             if pin.computeCollision(self._probes, self._probe_data, index):
                 geometry = self._collision_model.geometryObjects[link]
                 placement = self._data.oMi[geometry.parentJoint] * geometry.placement
-                points = (self._points[obstacle] - placement.translation) @ placement.rotation
+                joint, points = self._points[body]
+                place = placement.actInv(self._data.oMi[joint])
+                points = points @ place.rotation.T + place.translation
                 low, high = self._bounds[link]
                 near = points[((points >= low) & (points <= high)).all(axis=1)]
-                if any(winding_number(self._surface(link), point) > 0.5 for point in near):
-                    return link, obstacle
+                if any(solid_angle_winding(point, self._surface(link)) > 0.5 for point in near):
+                    return link, body
         return None
 
     def _add_box(self, link: int) -> int:
@@ -148,46 +160,31 @@ def triangle_corners(mesh: coal.BVHModelBase) -> FloatArray:
     return np.asarray(mesh.vertices())[indices.reshape(-1, 3)]
 
 
-def winding_number(triangles: FloatArray, point: FloatArray) -> float:
-    """How often a surface of triangles (m, 3, 3) winds around a point (3,): 1 inside of a closed one, 0 outside.
-
-    The absolute value is taken, so that the winding of the triangles does not matter. The solid angles are those of Van
-    Oosterom and Strackee (1983).
-    """
-    corners = triangles - point
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    lengths = np.linalg.norm(corners, axis=2)
-    la, lb, lc = lengths[:, 0], lengths[:, 1], lengths[:, 2]
-    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
-    denominator = la * lb * lc
-    denominator += np.einsum("ij,ij->i", a, b) * lc
-    denominator += np.einsum("ij,ij->i", b, c) * la
-    denominator += np.einsum("ij,ij->i", c, a) * lb
-    return abs(float(np.arctan2(numerator, denominator).sum())) / (2 * np.pi)
-
-
 def _local_bounds(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray]:
     geometry.computeLocalAABB()
     return np.array(geometry.aabb_local.min_), np.array(geometry.aabb_local.max_)
 
 
-def _fits(obstacle: coal.CollisionGeometry, size: FloatArray) -> bool:
-    """Whether an obstacle may fit into a box: False only if it certainly does not.
+def _fits(body: coal.CollisionGeometry, size: FloatArray) -> bool:
+    """Whether a body may fit into a box: False only if it certainly does not.
 
     Of two convex bodies, one inside the other, the inner has the smaller width, diameter and volume.
     """
-    if isinstance(obstacle, coal.Halfspace):
+    if isinstance(body, coal.Halfspace):
         return False
-    low, high = _local_bounds(obstacle)
-    if isinstance(obstacle, coal.ConvexBase):
+    low, high = _local_bounds(body)
+    if isinstance(body, coal.BVHModelBase):
+        # Neither its width nor, if it is not closed, its volume is known.
+        return bool((high - low).max() <= np.linalg.norm(size))
+    if isinstance(body, coal.ConvexBase):
         width = 0.0  # the width of the hull is less than that of its bounding box
-    elif isinstance(obstacle, coal.Cone):
-        width = 2 * obstacle.radius * obstacle.halfLength / (obstacle.radius + obstacle.halfLength)
+    elif isinstance(body, coal.Cone):
+        width = 2 * body.radius * body.halfLength / (body.radius + body.halfLength)
     else:
         width = float((high - low).min())
     if width > size.min() or (high - low).max() > np.linalg.norm(size):
         return False
-    return bool(obstacle.computeVolume() <= size.prod())
+    return bool(body.computeVolume() <= size.prod())
 
 
 def _pieces(cloud: coal.OcTree, sizes: list[FloatArray]) -> NDArray[np.int64]:
@@ -207,8 +204,12 @@ def _pieces(cloud: coal.OcTree, sizes: list[FloatArray]) -> NDArray[np.int64]:
     return voxels[first[fits]]
 
 
-def _inner_point(obstacle: pin.GeometryObject) -> FloatArray:
-    """A point inside a convex obstacle, in the root frame."""
-    geometry = obstacle.geometry
-    local = np.asarray(geometry.points()).mean(axis=0) if isinstance(geometry, coal.ConvexBase) else np.zeros(3)
-    return np.asarray(obstacle.placement.act(local))
+def _some_point(item: pin.GeometryObject) -> FloatArray:
+    """A point of a body, inside of it if it is convex, in the frame of its joint."""
+    geometry = item.geometry
+    local = np.zeros(3)
+    if isinstance(geometry, coal.BVHModelBase):
+        local = np.array(geometry.vertex(int(geometry.tri_indices(0)[0])))
+    elif isinstance(geometry, coal.ConvexBase):
+        local = np.asarray(geometry.points()).mean(axis=0)
+    return np.asarray(item.placement.act(local))

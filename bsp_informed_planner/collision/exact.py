@@ -9,8 +9,9 @@ from functools import lru_cache
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.enclosure import EnclosedObstacles
+from bsp_informed_planner.collision.enclosure import EnclosedBodies
 from bsp_informed_planner.collision.geometry import add_scene, create_geometry_data
 from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.errors import InvalidOptionError
@@ -71,8 +72,9 @@ class ExactChecker:
                 if not self._may_touch(link, index):
                     self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
         self._create_scratch()
-        self._enclosed = EnclosedObstacles(
-            self._model, self.collision_model, self._moving, self._obstacles, self._may_touch
+        own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
+        self._enclosed = EnclosedBodies(
+            self._model, self.collision_model, self._moving, self._obstacles, own, self._may_touch
         )
 
     def _may_touch(self, link: int, obstacle: int) -> bool:
@@ -136,8 +138,17 @@ class ExactChecker:
         difference = end - start
         motion = float(self.robot.motion_radii @ np.abs(difference))
         order = bisection_order(max(1, math.ceil(motion / resolution)))
-        # A small obstacle gets inside a link through its surface only: the ends have been checked for such.
+        # A small body gets inside a link through its surface only: the ends have been checked for such.
         return not any(self._touches(state) for state in start + order[:, None] * difference)
+
+    def surely_free(self, configurations: FloatArray) -> NDArray[np.bool_]:
+        """(m,) `is_free` of the configurations (m, n)."""
+        return np.array([self.is_free(configuration) for configuration in configurations], dtype=np.bool_)
+
+    def surely_free_edges(self, path: FloatArray) -> NDArray[np.bool_]:
+        """(m - 1,) `is_edge_free` of the edges of a path (m, n)."""
+        edges = zip(path[:-1], path[1:], strict=True)
+        return np.array([self.is_edge_free(start, end) for start, end in edges], dtype=np.bool_)
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
         """The names of two bodies that touch in a configuration: links and obstacle ids; None if it is free.

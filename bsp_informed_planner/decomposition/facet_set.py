@@ -9,6 +9,7 @@ import numpy as np
 
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.decomposition.selection_kernels import exchange_bodies
+from bsp_informed_planner.scene.facet_arrays import facet_arrays
 from bsp_informed_planner.scene.polytopes import ConvexPolytope
 
 
@@ -38,21 +39,8 @@ class FacetSet:
     def of(polytopes: Iterable[ConvexPolytope], owners: Iterable[int] | None = None) -> FacetSet:
         """The facets of polytopes, which all belong to obstacle 0 if no owners are given."""
         bodies = list(polytopes)
-        faces = [face for body in bodies for face in body.faces]
-        vertex_offsets = _offsets([len(body.vertices) for body in bodies])
-        facet_counts = [len(body.faces) for body in bodies]
-        loop_lengths = [len(face) for face in faces]
-        loops = np.concatenate([np.empty(0, np.int64), *faces])
-        loops += np.repeat(np.repeat(vertex_offsets[:-1], facet_counts), loop_lengths)
-        return FacetSet(
-            np.concatenate([np.empty((0, 3)), *(body.vertices for body in bodies)]),
-            vertex_offsets,
-            loops,
-            _offsets(loop_lengths),
-            np.concatenate([np.empty((0, 4)), *(body.planes for body in bodies)]),
-            _offsets(facet_counts),
-            np.zeros(len(bodies), np.int64) if owners is None else np.fromiter(owners, np.int64),
-        )
+        arrays = facet_arrays(bodies)
+        return FacetSet(*arrays, np.zeros(len(bodies), np.int64) if owners is None else np.fromiter(owners, np.int64))
 
     @staticmethod
     def joined(first: FacetSet, second: FacetSet) -> FacetSet:
@@ -75,9 +63,3 @@ class FacetSet:
     @property
     def facet_count(self) -> int:
         return len(self.planes)
-
-
-def _offsets(counts: list[int]) -> Indices:
-    offsets = np.zeros(len(counts) + 1, np.int64)
-    np.cumsum(counts, out=offsets[1:])
-    return offsets

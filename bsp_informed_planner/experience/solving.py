@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.experience.options import CollectionOptions
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import default_search_resolution
+from bsp_informed_planner.planning.question_kernels import ASK_UNSURE
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.rrt_star import RrtStar
-from bsp_informed_planner.planning.sample_stream import SampleStream
-from bsp_informed_planner.planning.search import OPTIMALITY_TOLERANCE, sampling_bounds
+from bsp_informed_planner.planning.sample_source import SampleSource
+from bsp_informed_planner.planning.search import sampling_bounds
 from bsp_informed_planner.planning.shortcut import shortcut
-from bsp_informed_planner.planning.verification import FineChecker
+from bsp_informed_planner.planning.space import new_space
+from bsp_informed_planner.planning.subset_kernels import Space
+from bsp_informed_planner.planning.worker import OPTIMALITY_TOLERANCE
 from bsp_informed_planner.robots.robot import Robot
-from bsp_informed_planner.sampling.informed import InformedUniformSampler
-from bsp_informed_planner.sampling.sampler import Sampler, UniformSampler
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
@@ -44,9 +45,9 @@ class ProblemSolver:
     def __init__(self, robot: Robot, scene: Scene, padding: float, options: CollectionOptions) -> None:
         self._robot = robot
         self._options = options
-        resolution = options.search_resolution or default_search_resolution(robot)
+        finest = (options.search_resolution or default_search_resolution(robot)) / 96.0
         self.padding = padding
-        self.checker = FineChecker(ExactChecker(robot, scene, padding=padding), resolution)
+        self.checker = BoundedChecker(robot, scene, padding, finest)
         self._max_step = 0.03 * float(np.linalg.norm(robot.upper - robot.lower))
 
     def solve_subproblem(
@@ -65,19 +66,19 @@ class ProblemSolver:
         if self.checker.is_edge_free(start, goal):
             return np.array([start, goal]), 0
         budget = _budget(samples)
-        path = self._connect(start, goal, self._uniform(start, goal), rng, budget)
+        path = self._connect(self._space(start, goal, rng), rng, budget)
         return (None if path is None else self._shortened(path, rng)), budget.samples
 
     def refine(self, path: FloatArray, rng: np.random.Generator, samples: int) -> FloatArray:
         """A path (m, n) made shorter by RRT* and by shortcuts; its ends stay."""
         if samples == 0 or is_shortest(path):
             return path
-        start, goal = path[0], path[-1]
-        box = self._uniform(start, goal)
-        budget = _budget(samples)
-        tree = RrtStar(self.checker, start, goal[None], box, box.lower, box.upper, self._max_step, budget)
+        space = self._space(path[0], path[-1], rng)
+        space.bound[0] = path_length(path)
+        tree = RrtStar(self.checker.verdicts, space, self._max_step)
         tree.insert_path(path)
-        found = tree.solve(rng)
+        tree.solve(SampleSource(len(path[0]), rng), _budget(samples), gain=1.0)
+        found = tree.best_path()
         assert found is not None
         return self._shortened(found, rng)
 
@@ -96,13 +97,12 @@ class ProblemSolver:
         """
         if self.checker.is_edge_free(start, goal):
             return np.array([start, goal])
-        box = self._uniform(start, goal)
+        space = self._space(start, goal, rng)
         best = None if known is None else self._shortened(known, rng)
         for _ in range(self._options.whole_restarts):
-            sampler: Sampler = box
             if best is not None:
-                sampler = InformedUniformSampler(start, goal[None], path_length(best), box.lower, box.upper)
-            found = self._connect(start, goal, sampler, rng, _budget(self._options.whole_samples))
+                space.bound[0] = path_length(best)
+            found = self._connect(space, rng, _budget(self._options.whole_samples))
             if found is None:
                 continue
             found = self._shortened(found, rng)
@@ -112,14 +112,15 @@ class ProblemSolver:
             return None
         return self.refine(best, rng, self._options.whole_refine_samples)
 
-    def _uniform(self, start: FloatArray, goal: FloatArray) -> UniformSampler:
-        return UniformSampler(*sampling_bounds(self._robot, start, goal[None]))
+    def _space(self, start: FloatArray, goal: FloatArray, rng: np.random.Generator) -> Space:
+        return new_space(start, goal, *sampling_bounds(self._robot, start, goal[None]), rng)
 
-    def _connect(
-        self, start: FloatArray, goal: FloatArray, sampler: Sampler, rng: np.random.Generator, budget: Budget
-    ) -> FloatArray | None:
-        trees = RrtConnect(self.checker, start, goal[None], self._max_step, budget)
-        return trees.solve(SampleStream(sampler, rng, budget))
+    def _connect(self, space: Space, rng: np.random.Generator, budget: Budget) -> FloatArray | None:
+        unsure = ~self.checker.surely_free(space.ends)
+        trees = RrtConnect(self.checker.verdicts, space, self._max_step, unsure)
+        source = SampleSource(len(space.weights), rng)
+        return trees.solve(source, budget, ask=ASK_UNSURE, judge=self.checker.is_edge_free)
 
     def _shortened(self, path: FloatArray, rng: np.random.Generator) -> FloatArray:
-        return shortcut(path, self.checker, rng, _budget(1), attempts=self._options.shortcut_attempts)
+        space = self._space(path[0], path[-1], rng)
+        return shortcut(path, self.checker.verdicts, space, _budget(1), self._options.shortcut_attempts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
@@ -176,7 +177,9 @@ class SuiteClient:
 
     def _plan_once(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None) -> PlanResponse:
         future = self._plan.call_async(Plan.Request(request=request))
-        if not self._spin_until(future.done, seconds + request.allowed_planning_time, alive):
+        # A time that is nonsense is refused at once.
+        planning = request.allowed_planning_time if 0.0 < request.allowed_planning_time < math.inf else 0.0
+        if not self._spin_until(future.done, seconds + planning, alive):
             self._plan.remove_pending_request(future)
             raise SuiteUnavailableError(f"service {self._plan.srv_name} did not answer")
         return future.result().response

@@ -18,9 +18,7 @@ from visualization_msgs.msg import MarkerArray
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.decomposition.incremental import IncrementalDecomposer
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.errors import (
-    BspPlannerError,
-)
+from bsp_informed_planner.errors import BspPlannerError
 from bsp_informed_planner.nodes.decomposition_parameters import DecompositionParameters
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.graph_conversions import graph_to_msg

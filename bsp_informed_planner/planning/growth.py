@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import PlanningProblem, PlanOptions
+from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.sample_stream import SampleStream
+from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.search import sampling_bounds
-from bsp_informed_planner.planning.tree import Tree
-from bsp_informed_planner.planning.verification import FineChecker
-from bsp_informed_planner.sampling.sampler import ClippedSampler, Sampler, UniformSampler, with_uniform_fraction
+from bsp_informed_planner.planning.space import new_space
+from bsp_informed_planner.sampling.sampler import ClippedSampler
 from bsp_informed_planner.scene.pose import FloatArray
 
 
@@ -38,7 +38,7 @@ class Growth:
 
     Attributes:
         start_tree, goal_tree: from the start, and from all goals.
-        path: (m, n), neither shortened nor verified; None if the trees did not meet.
+        path: (m, n), not shortened; None if the trees did not meet.
         samples: how many were drawn.
     """
 
@@ -69,19 +69,14 @@ def record_growth(
     """
     plan = planner.prepare(problem, options, cancelled=cancelled)
     guidance = planner.guide(plan)
-    robot, search, budget = planner.robot, plan.search, plan.budget
-    uniform = UniformSampler(*sampling_bounds(robot, plan.start, plan.goals))
-    sampler: Sampler = uniform
+    judge, rng = plan.judges[0], np.random.default_rng(plan.seed)
+    box = sampling_bounds(planner.robot, plan.start, plan.goals)
+    space = new_space(plan.start, plan.goals, *box, rng, plan.search.incumbent.weights)
+    source = SampleSource(planner.robot.dof, rng)
     if guidance.sampler is not None:
-        informed = ClippedSampler(guidance.sampler, robot.lower, robot.upper)
-        sampler = with_uniform_fraction(informed, uniform, options.uniform_fraction)
-    checker = FineChecker(plan.search_checker, search.search_resolution)
-    trees = RrtConnect(checker, plan.start, plan.goals, search.max_step, budget)
-    path = trees.seed([chain.configurations for chain in guidance.chains])
-    if path is None:
-        path = trees.solve(SampleStream(sampler, np.random.default_rng(plan.seed), budget))
-    return Growth(_grown(trees.start_tree), _grown(trees.goal_tree), path, budget.samples)
-
-
-def _grown(tree: Tree) -> GrownTree:
-    return GrownTree(tree.nodes.copy(), tree.parents.copy())
+        clipped = ClippedSampler(guidance.sampler, planner.robot.lower, planner.robot.upper)
+        source = SampleSource(planner.robot.dof, rng, clipped, options.uniform_fraction)
+    trees = RrtConnect(judge.verdicts, space, plan.search.max_step)
+    trees.seed([chain.configurations for chain in guidance.chains])
+    path = trees.solve(source, plan.budget, ask=ASK_ALL, judge=judge.is_edge_free)
+    return Growth(GrownTree(*trees.start_tree()), GrownTree(*trees.goal_tree()), path, plan.budget.samples)

@@ -6,14 +6,14 @@ import time
 
 import numpy as np
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.errors import PlanningCancelledError
 from bsp_informed_planner.ompl_workers.process import OmplWorkers
 from bsp_informed_planner.ompl_workers.request import OmplRequest
 from bsp_informed_planner.planning.budget import Budget
-from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions
 from bsp_informed_planner.planning.search import SAME_STATE, Search, sampling_bounds
-from bsp_informed_planner.planning.verification import CertifyingChecker, verified
+from bsp_informed_planner.planning.verification import verified
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
@@ -33,7 +33,6 @@ class OmplPathSearch:
         robot, scene: what is planned for.
         options: of the plan.
         search: whose budget is spent, and which is told of paths, costs and times.
-        padding: of the checker that searches [m].
         rng: generator.
     """
 
@@ -44,7 +43,6 @@ class OmplPathSearch:
         scene: Scene,
         options: PlanOptions,
         search: Search,
-        padding: float,
         rng: np.random.Generator,
     ) -> None:
         self._workers = workers
@@ -53,11 +51,9 @@ class OmplPathSearch:
         self._options = options
         self._search = search
         self._budget: Budget = search.budget
-        self._padding = padding
         self._rng = rng
-        self._best: FloatArray | None = None
 
-    def run(self, last: CertifyingChecker, start: FloatArray, goals: FloatArray) -> FloatArray | None:
+    def run(self, last: BoundedChecker, start: FloatArray, goals: FloatArray) -> FloatArray | None:
         """Search until the planner is done or the budget is spent.
 
         Args:
@@ -77,17 +73,17 @@ class OmplPathSearch:
         nearest = goals[int(np.argmin(np.linalg.norm(goals - start, axis=1)))]
         if np.abs(nearest - start).max() < SAME_STATE:
             self._take(np.array([start, nearest]), last)
-            return self._best
+            return self._search.incumbent.path
         lower, upper = sampling_bounds(self._robot, start, goals)
         resolution = self._search.search_resolution
-        while self._best is None and not self._budget.is_out_of_time():
+        while self._search.incumbent.path is None and not self._budget.is_out_of_time():
             request = OmplRequest(
                 planner_id=self._options.planner_id,
                 start=start,
                 goals=goals,
                 lower=lower,
                 upper=upper,
-                padding=self._padding,
+                padding=self._options.padding,
                 resolution=resolution,
                 deadline=time.monotonic() + self._budget.remaining,
                 seed=int(self._rng.integers(2**32)),
@@ -97,10 +93,10 @@ class OmplPathSearch:
             )
             counts = self._workers.solve(self._scene, request, self._is_cancelled, lambda path: self._take(path, last))
             if counts is not None:
-                self._budget.edges_checked += counts.edges
+                self._budget.charge(0, 0, counts.edges)
             # What the coarse check let through would come back.
             resolution *= REFINEMENT
-        return self._best
+        return self._search.incumbent.path
 
     def _max_step(self) -> float | None:
         if self._options.max_step is None and self._options.planner_id not in STEPS_LIKE_OURS:
@@ -114,22 +110,20 @@ class OmplPathSearch:
             return True
         return False
 
-    def _take(self, path: FloatArray, last: CertifyingChecker) -> bool:
+    def _take(self, path: FloatArray, last: BoundedChecker) -> bool:
         """Verify a path. Returns whether no more are wanted."""
         search = self._search
-        if search.first_solution_seconds == 0.0:
-            search.first_solution_seconds = self._budget.elapsed
-        if search.costs and path_length(path) >= search.costs[-1]:
+        found = search.incumbent.path is not None
+        if found and search.length(path) >= search.incumbent.cost:
             return False
         search.report("verifying")
         begin = self._budget.elapsed
         checked = verified(path, last, self._rng, self._budget, self._robot.lower, self._robot.upper, search.max_step)
         search.verification_seconds += self._budget.elapsed - begin
-        if checked is not None and (not search.costs or path_length(checked) < search.costs[-1]):
-            self._best = checked
-            search.costs.append(path_length(checked))
-            search.cost_seconds.append(self._budget.elapsed)
-        search.report("improving" if self._best is not None else "searching")
+        if checked is not None:
+            found = search.record(checked) or found
+        if not found:
+            search.report("searching")
         # RRT-Connect has only its simplification to come.
         plain = self._options.planner_id == "ompl_rrt_connect"
-        return self._best is not None and self._options.first_solution and not plain
+        return found and self._options.first_solution and not plain

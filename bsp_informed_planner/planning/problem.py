@@ -74,11 +74,13 @@ class PlanOptions:
         first_solution: stop at the first verified path.
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
-        seed: of the random number generator; None: one is drawn.
+        seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
+            same for the same seed, on any machine: "rrt_connect", or with `first_solution` or `max_samples`.
         max_step: longest edge of a tree, eta; None: 3 % of the diagonal of the joint limits, or OMPL's own choice for
             "ompl_rrt_star" and "ompl_informed_rrt_star" [rad or m]. "ompl_bit_star" has none.
-        search_resolution: no point of the robot moves further than this between states checked while searching [m];
-            None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only slides.
+        search_resolution: where a planner searches with discrete checks (OMPL's), no point of the robot moves further
+            than this between two of them [m]; None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only
+            slides.
         verification_resolution: where the path that is returned cannot be proved free, since bodies are almost in
             touch, it is checked at states between which no point of the robot moves further than this [m]; None:
             a 96th of the default above.
@@ -89,6 +91,9 @@ class PlanOptions:
             for a robot that only slides.
         time_step: between two points of the trajectory [s].
         max_goals: most goal configurations (branches and windings) made from each pose.
+        cost_weights: (n,) of the joints in lengths, and so in the cost and in `max_step`; None: 1 each.
+        threads: 2: two threads search for one plan, each with samples of its own; the best path wins. Which one that is
+            may then depend on timing. It pays where cores are idle.
         ompl_simplify: whether OMPL's simplification shortens what "ompl_rrt_connect" finds.
     """
 
@@ -108,6 +113,8 @@ class PlanOptions:
     blend_deviation: float | None = None
     time_step: float = 0.02
     max_goals: int = 16
+    cost_weights: tuple[float, ...] | None = None
+    threads: int = 1
     ompl_simplify: bool = True
 
     def __post_init__(self) -> None:
@@ -129,6 +136,9 @@ class PlanOptions:
         deviation = 0.0 if self.blend_deviation is None else self.blend_deviation
         require("blend_deviation", bool(np.isfinite(deviation)) and deviation >= 0.0, "0 or more")
         require("max_samples", self.max_samples is None or self.max_samples >= 1, "at least 1, or none for no bound")
+        require("threads", self.threads in (1, 2), "1 or 2")
+        weights = () if self.cost_weights is None else self.cost_weights
+        require("cost_weights", all(np.isfinite(w) and w > 0.0 for w in weights), "positive numbers, one a joint")
         require("max_goals", self.max_goals >= 1, "at least 1")
         require("seed", self.seed is None or self.seed >= 0, "0 or more")
         for name in ("max_step", "search_resolution", "verification_resolution"):

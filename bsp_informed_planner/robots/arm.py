@@ -186,7 +186,8 @@ class ArmRobot:
         Arms of six revolute joints that EAIK can solve are solved in closed form, others numerically; then at most 16
         configurations are returned. Joints that do not move the frame are held at zero, or at the limit next to it.
         """
-        return self._configurations(self._solver(frame or self.tool_frame), _matrix(pose), rng)
+        solver = self._solver(frame or self.tool_frame)
+        return self._configurations(solver, solver.solve(_matrix(pose), rng))
 
     def inverse_kinematics_batch(
         self, poses: Sequence[Pose] | FloatArray, frame: str | None = None, rng: np.random.Generator | None = None
@@ -201,7 +202,7 @@ class ArmRobot:
         else:
             matrices = np.array([_matrix(pose) for pose in poses]).reshape(-1, 4, 4)
         solver = self._solver(frame or self.tool_frame)
-        return [self._configurations(solver, matrix, rng) for matrix in matrices]
+        return [self._configurations(solver, values) for values in solver.solve_batch(matrices, rng)]
 
     def inverse_kinematics_method(self, frame: str | None = None) -> str:
         """How inverse kinematics of a frame (default: the tool frame) is solved, in words.
@@ -223,10 +224,8 @@ class ArmRobot:
         """See `Robot.windings`; at most 4096, the configuration itself first."""
         return windings(np.asarray(configuration, dtype=np.float64), self.lower, self.upper, self.revolute)
 
-    def _configurations(
-        self, solver: InverseKinematics, target: FloatArray, rng: np.random.Generator | None
-    ) -> FloatArray:
-        values = solver.solve(target, rng)
+    def _configurations(self, solver: InverseKinematics, values: FloatArray) -> FloatArray:
+        """(k, n) from values of the chain's joints (k, m)."""
         if solver.chain.dof == self.dof:
             return values  # the joints of a chain come in the order of the configuration
         configurations = np.tile(self._home, (len(values), 1))

@@ -149,13 +149,14 @@ def read_xml(source: XmlSource, kind: str) -> tuple[ElementTree.Element, Path | 
         name = f"the {kind} '{path}'"
         try:
             text = path.read_bytes()
-        except OSError as error:
-            raise RobotDescriptionError(f"{name} cannot be read: {error.strerror or error}") from error
-    if isinstance(text, str):
-        text = text.encode()
+        except (OSError, ValueError) as error:
+            # A path with a null character is a ValueError.
+            reason = getattr(error, "strerror", None) or error
+            raise RobotDescriptionError(f"{name} cannot be read: {reason}") from error
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        root = ElementTree.fromstring(text.encode() if isinstance(text, str) else text)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        # The latter two: characters that are none, and encodings that are not known.
         raise RobotDescriptionError(f"{name} is not well-formed XML: {error}") from error
     if root.tag != "robot":
         raise RobotDescriptionError(f"{name} has the root element <{root.tag}>, expected <robot>")

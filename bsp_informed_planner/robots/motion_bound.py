@@ -44,20 +44,42 @@ def motion_radii(model: pin.Model, collision_model: pin.GeometryModel) -> FloatA
             continue
         points, margin = bounding_points(geometry.geometry)
         points = points @ geometry.placement.rotation.T + geometry.placement.translation
-        hull = _around_points(points, margin, axes[joint - 1])
-        while True:
-            index = model.joints[joint].idx_v
-            if prismatic[joint - 1]:
-                radii[index] = 1.0
-                hull = hull.lengthened(model.lowerPositionLimit[index], model.upperPositionLimit[index])
-            else:
-                radii[index] = max(radii[index], hull.radius)
-            parent = int(model.parents[joint])
-            if parent == 0:
-                break
-            hull = _around_hull(hull, axes[joint - 1], model.jointPlacements[joint], axes[parent - 1])
-            joint = parent
+        distances = axis_distances(model, axes, prismatic, joint, points, margin)
+        for mover in np.flatnonzero(distances).tolist():
+            index = model.joints[mover + 1].idx_v
+            radii[index] = max(radii[index], distances[mover])
     return radii
+
+
+def axis_distances(
+    model: pin.Model, axes: FloatArray, prismatic: np.ndarray, joint: int, points: FloatArray, margin: float = 0.0
+) -> FloatArray:
+    """Upper bounds of the distances of points from the axes of the joints that move them, in all configurations.
+
+    Args:
+        model: with finite limits.
+        axes, prismatic: of `joint_axes`.
+        joint: that carries the points.
+        points: (k, 3) in its frame [m].
+        margin: radius of balls around the points that are meant, too [m].
+
+    Returns:
+        (n,) by joint, in Pinocchio's order [m]; 1 for prismatic joints; 0 for joints that do not move the points.
+    """
+    distances = np.zeros(model.njoints - 1)
+    hull = _around_points(points, margin, axes[joint - 1])
+    while True:
+        index = model.joints[joint].idx_v
+        if prismatic[joint - 1]:
+            distances[joint - 1] = 1.0
+            hull = hull.lengthened(model.lowerPositionLimit[index], model.upperPositionLimit[index])
+        else:
+            distances[joint - 1] = hull.radius
+        parent = int(model.parents[joint])
+        if parent == 0:
+            return distances
+        hull = _around_hull(hull, axes[joint - 1], model.jointPlacements[joint], axes[parent - 1])
+        joint = parent
 
 
 @dataclass(frozen=True)

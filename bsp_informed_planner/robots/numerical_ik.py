@@ -55,5 +55,9 @@ class NumericalInverseKinematics:
             target, seeds, _ITERATIONS, _PATIENCE, self._distinct, self._max_solutions, inside=True
         )[0]
 
+    def solve_batch(self, targets: FloatArray, rng: np.random.Generator | None = None) -> list[FloatArray]:
+        """See `InverseKinematics`."""
+        return [self.solve(target, rng) for target in targets]
+
     def _random_seeds(self, rng: np.random.Generator) -> FloatArray:
         return rng.uniform(self._low, self._high, self._shape)

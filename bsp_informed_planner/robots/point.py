@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -131,6 +133,14 @@ class PointRobot:
         if not self._is_point(frame) or (point < self.lower).any() or (point > self.upper).any():
             return np.empty((0, 2))
         return point[None].copy()
+
+    def inverse_kinematics_batch(
+        self, poses: Sequence[Pose] | FloatArray, frame: str | None = None, rng: np.random.Generator | None = None
+    ) -> list[FloatArray]:
+        """See `Robot.inverse_kinematics_batch`."""
+        if isinstance(poses, np.ndarray):
+            poses = [Pose.from_matrix(matrix) for matrix in poses]
+        return [self.inverse_kinematics(pose, frame) for pose in poses]
 
     def windings(self, configuration: FloatArray) -> FloatArray:
         """The configuration itself, (1, 2): it has no joints that turn."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -96,6 +97,17 @@ class Robot(Protocol):
 
         Raises:
             UnknownFrameError: for a frame that the robot does not have.
+        """
+        ...
+
+    def inverse_kinematics_batch(
+        self, poses: Sequence[Pose] | FloatArray, frame: str | None = None, rng: np.random.Generator | None = None
+    ) -> list[FloatArray]:
+        """`inverse_kinematics` of many poses, given as such or as an array of matrices (k, 4, 4).
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+            ValueError: if a matrix is not finite or its rotation is none.
         """
         ...
 

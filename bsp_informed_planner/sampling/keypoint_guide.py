@@ -13,6 +13,7 @@ from bsp_informed_planner.decomposition.graph import KeypointChain, shortest_cha
 from bsp_informed_planner.errors import KeypointsUnavailableError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance, KeypointGuideOptions
+from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.layers import keypoint_layer, paths_through_layers, tool_orientations
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -88,17 +89,16 @@ class ExactKeypointGuide:
         """The chains alone; arguments and errors as for `guide`."""
         should_stop = should_stop or _never
         start_pose = self._robot.forward_kinematics(start)
-        goal_poses = [self._robot.forward_kinematics(goal) for goal in goals]
         # Goals that share a reference point (branches and windings of one pose) share a workspace chain.
         groups: dict[tuple[float, ...], list[int]] = {}
-        for index, pose in enumerate(goal_poses):
-            groups.setdefault(tuple(np.round(pose.position, 6)), []).append(index)
+        for index, point in enumerate(np.round(self._robot.reference_points(goals), 6).tolist()):
+            groups.setdefault(tuple(point), []).append(index)
         chains: list[tuple[bool, float, ConfigurationChain]] = []
         reason = ""
         for members in groups.values():
             if should_stop() and chains:
                 break
-            pose = goal_poses[members[0]]
+            pose = self._robot.forward_kinematics(goals[members[0]])
             quaternions = (start_pose.quaternion, pose.quaternion)
             try:
                 chains.extend(
@@ -154,9 +154,11 @@ class ExactKeypointGuide:
                 f"{len(self._decomposition.candidates)} at {np.round(chain.points[position], 3).tolist()} m"
             )
         layers = [layers_of[int(candidate)] for candidate in chain.candidate_indices]
-        paths = paths_through_layers(
-            self._robot, start, layers, goals, checker.is_edge_free, self._options, should_stop
-        )
+
+        def is_free(first: FloatArray, second: FloatArray) -> bool:
+            return bool(checker.surely_free_edges(np.array((first, second)))[0])
+
+        paths = paths_through_layers(self._robot, start, layers, goals, is_free, self._options, should_stop)
         return [(path.is_free, path.length, ConfigurationChain(path.configurations, chain.points)) for path in paths]
 
     def layer(
@@ -193,3 +195,8 @@ class ExactKeypointGuide:
         return keypoint_layer(
             self._robot, checker, chain.points[position], orientations, guess, self._options.layer_size
         )
+
+
+def exact_guide(setting: GuideSetting) -> ExactKeypointGuide:
+    """The guide of the sampler id "keypoint_tube", see `sampling.guide`."""
+    return ExactKeypointGuide(setting.robot, setting.decomposition(), setting.options)

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 from bsp_informed_planner.sampling.layer_kernels import shortest_through_layers, wind_rows
-from bsp_informed_planner.scene.pose import FloatArray, Pose
+from bsp_informed_planner.sampling.orientation_kernels import matrices_at, tool_quaternions
+from bsp_informed_planner.scene.pose import FloatArray
 
 
 def tool_orientations(
@@ -32,19 +32,8 @@ def tool_orientations(
     Returns:
         (k, 4) quaternions, the goal's first.
     """
-    first, end = Rotation.from_quat(start), Rotation.from_quat(goal)
-    # All in one: a single rotation costs scipy as much as a dozen.
-    slerp = fraction * (first.inv() * end).as_rotvec()
-    turns = [np.outer(options.tilts, axis) for axis in np.eye(3)[:2]] + [np.outer(options.rolls, np.eye(3)[2])]
-    turned = end * Rotation.from_rotvec(np.concatenate(turns))
-    quaternions = [goal[None], (first * Rotation.from_rotvec(slerp)).as_quat()[None], turned.as_quat()]
-    approach = end.apply([0.0, 0.0, 1.0])
-    towards = normal if normal @ approach >= 0.0 else -normal
-    turn = np.cross(approach, towards)
-    angle = np.arctan2(np.linalg.norm(turn), approach @ towards)
-    if angle > 1e-3:
-        quaternions.append((Rotation.from_rotvec(turn / np.linalg.norm(turn) * angle) * end).as_quat()[None])
-    return np.concatenate(quaternions)
+    tilts, rolls = np.array(options.tilts, dtype=np.float64), np.array(options.rolls, dtype=np.float64)
+    return tool_quaternions(np.array(start), np.array(goal), np.array(normal), float(fraction), tilts, rolls)
 
 
 def keypoint_layer(
@@ -58,7 +47,7 @@ def keypoint_layer(
     """Collision-free configurations with the reference point of the robot at a keypoint.
 
     All branches of the inverse kinematics in all orientations, wound as near as possible to a guess; the nearest ones
-    that are free are kept.
+    that are surely free are kept, and if none is, those that are.
 
     Args:
         robot: gives the inverse kinematics.
@@ -71,19 +60,22 @@ def keypoint_layer(
     Returns:
         (k, n) with 0 <= k <= layer_size.
     """
-    branches = [robot.inverse_kinematics(Pose(point, quaternion)) for quaternion in orientations]
-    candidates = np.concatenate(branches) if branches else np.empty((0, robot.dof))
+    poses = matrices_at(np.array(point, dtype=np.float64), np.array(orientations, dtype=np.float64))
+    candidates = np.concatenate(robot.inverse_kinematics_batch(poses))
     if not len(candidates):
         return candidates
     wound = nearest_windings(robot, candidates, guess)
-    order = np.argsort(np.linalg.norm(wound - guess, axis=1))
-    kept: list[FloatArray] = []
-    for index in order:
-        if len(kept) == layer_size:
-            break
-        if checker.is_free(wound[index]):
-            kept.append(wound[index])
-    return np.array(kept).reshape(-1, robot.dof)
+    wound = wound[np.argsort(np.linalg.norm(wound - guess, axis=1))]
+    kept = np.empty((0, robot.dof))
+    # A few at a time: mostly the nearest are enough.
+    for begin in range(0, len(wound), 2 * layer_size):
+        some = wound[begin : begin + 2 * layer_size]
+        kept = np.concatenate((kept, some[checker.surely_free(some)]))
+        if len(kept) >= layer_size:
+            return kept[:layer_size]
+    if not len(kept):
+        kept = np.array([one for one in wound if checker.is_free(one)][:layer_size]).reshape(-1, robot.dof)
+    return kept
 
 
 def nearest_windings(robot: Robot, configurations: FloatArray, guess: FloatArray) -> FloatArray:

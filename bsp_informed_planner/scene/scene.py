@@ -152,8 +152,9 @@ class Scene:
         object.__setattr__(self, "attached", MappingProxyType(dict(self.attached)))
 
     def __reduce__(self) -> tuple[object, ...]:
-        held, allowed = dict(self.attached), self.allowed_collisions
-        return Scene, (dict(self.obstacles), self.bounds, self.frame, self.revision, held, allowed)
+        # Read-only views of dictionaries cannot be pickled.
+        obstacles, attached = dict(self.obstacles), dict(self.attached)
+        return Scene, (obstacles, self.bounds, self.frame, self.revision, attached, self.allowed_collisions)
 
     @staticmethod
     def of(obstacles: Sequence[Obstacle], bounds: WorkspaceBounds, frame: str = "world", revision: int = 0) -> Scene:

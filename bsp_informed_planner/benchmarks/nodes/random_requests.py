@@ -80,7 +80,7 @@ def _body(rng: np.random.Generator) -> AttachedObstacle:
 
 
 _SPOILS: tuple[Callable[[PlanRequest, np.random.Generator], object], ...] = (
-    lambda r, g: r.start.position.__setitem__(int(g.integers(len(r.start.position) or 1)), _number(g)),
+    lambda r, g: setattr(r.start, "position", [_number(g), _number(g)]),
     lambda r, g: r.start.name.append(_text(g)),
     lambda r, g: setattr(r, "start", JointState()),
     lambda r, g: r.goal_states.clear(),

@@ -6,13 +6,13 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Row
 from bsp_informed_planner.benchmarks.nodes.random_requests import gap_message, gap_scene, random_request
 from bsp_informed_planner.benchmarks.nodes.running_nodes import node_parameters, nodes_as_processes
+from bsp_informed_planner.benchmarks.nodes.soak import resident_mib
 from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
 from bsp_informed_planner.benchmarks.statistics import column, median
 from bsp_informed_planner.nodes.client import SuiteClient, SuiteUnavailableError
@@ -41,7 +41,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         clients = [make() for _ in range(CLIENTS)]
         updater = make()
         updater.publish_scene(gap_scene(0.5))
-        memory = {name: _resident(process.pid) for name, process in processes.processes.items()}
+        memory = {name: resident_mib(process.pid) for name, process in processes.processes.items()}
         stopping = threading.Event()
         sent = [0]
 
@@ -72,12 +72,13 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             thread.start()
         for thread in threads:
             thread.join()
+        answering = time.monotonic() - begin
         time.sleep(max(begin + float(parameters["seconds"]) - time.monotonic(), 0.0))
         elapsed = time.monotonic() - begin
         stopping.set()
         changes.join()
         died = [name for name, process in processes.processes.items() if process.poll() is not None]
-        grown = {name: _resident(process.pid) - memory[name] for name, process in processes.processes.items()}
+        grown = {name: resident_mib(process.pid) - memory[name] for name, process in processes.processes.items()}
     return {
         "requests": per_client * CLIENTS,
         "answers": len(codes),
@@ -85,20 +86,15 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         "codes": dict(Counter(codes)),
         "latencies": latencies,
         "scenes": sent[0],
+        "answering_seconds": answering,
         "seconds": elapsed,
         "died": died,
-        "grown_mib": {name: size / 2**20 for name, size in grown.items()},
+        "grown_mib": grown,
     }
 
 
 def _name(code: int) -> str:
     return ErrorCode(code).name if code in set(ErrorCode) else str(code)
-
-
-def _resident(process: int) -> int:
-    """Memory that a process holds [bytes]."""
-    pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
-    return pages * 4096
 
 
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
@@ -119,6 +115,11 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         ):
             section.require(RequiredNumber(name, float(count), "exactly", 0.0, "", f"of {row['requests']} requests"))
         latencies = column([{"value": value} for value in row["latencies"]], "value")
+        section.require(
+            RequiredNumber(
+                "answers a second under this load", len(latencies) / float(row["answering_seconds"]), "reported"
+            )
+        )
         section.require(
             RequiredNumber("time to an answer under this load", median(1e3 * latencies, rng), "reported", unit="ms")
         )

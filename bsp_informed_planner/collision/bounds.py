@@ -1,0 +1,295 @@
+"""Conservative collision bounds of a robot: proved spheres around and inside its bodies, ready for the kernels."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import pinocchio as pin
+
+from bsp_informed_planner.collision.body_groups import BodyGroups, group_bodies
+from bsp_informed_planner.collision.check_arrays_kernels import (
+    FRAME_ROWS,
+    LANES,
+    SPHERE_ROWS,
+    STRIDE,
+    Chain,
+    Checks,
+    RobotBounds,
+    Scratch,
+    SphereTree,
+)
+from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
+from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
+from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
+from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
+from bsp_informed_planner.collision.solids import body_of
+from bsp_informed_planner.collision.verdict_calls_kernels import UNDECIDED
+from bsp_informed_planner.collision.verdicts import Verdicts
+from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.robots.motion_bound import axis_distances, joint_axes
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
+
+logger = logging.getLogger(__name__)
+
+#: Intervals of an edge in which no point moves further than this are not halved [m].
+FINEST = 2e-4
+# Half the distance between 1 and the next number in single precision.
+_ROUNDING = 2.0**-24
+_STACK, _INTERVALS = 4096, 512
+
+# Is told the number of groups that are done, and of all groups.
+Progress = Callable[[int, int], None]
+
+
+class CollisionBounds:
+    """Spheres that cover a robot's bodies, and spheres inside of them, in every scene.
+
+    Rounding. The kernels compute in single precision (unit roundoff u = 2^-24), in any order of sums. A joint's
+    rotation is the product of its parent's, a constant one, and one by sine and cosine. Entries are sums of three
+    products: an error of at most 4 u each, 7 u for a column as a whole; sine and cosine come from Taylor polynomials
+    with remainders below 6e-8 and roundings of at most 6 u. So a joint adds at most 24 u to the error of a rotation
+    (in the norm), and n joints 24 n u. The error of a point that is L away along the chain is at most the sum over
+    joints of rotation error times offset, plus the roundings of the offsets' sums, 4 u L each: 28 n u L. Radii are
+    enlarged (inner ones: reduced) by 48 (n + 2) u L, where L bounds the distance of any point of the robot from the
+    root in all configurations; that is 24 um for an arm of six joints and 1 m. Differences to obstacles, all of whose
+    numbers are below L after `pack_obstacles`, add less than 64 u L, which goes into the margin against obstacles.
+
+    Immutable; threads may share it. Use `bounds_of`.
+
+    Attributes:
+        robot: whose bounds they are.
+        arrays: for the kernels.
+        reach: no point of the robot is further from the root frame's origin, in any configuration [m].
+    """
+
+    def __init__(self, robot: Robot, groups: BodyGroups, covers: Sequence[Cover]) -> None:
+        """
+        Args:
+            robot: a robot.
+            groups: of its bodies.
+            covers: of each group.
+        """
+        self.robot = robot
+        model = robot.model
+        axes, prismatic = joint_axes(model)
+        turns = _turned_frames(axes)
+        count = model.njoints - 1
+        placements = np.zeros((count, 12))
+        for joint in range(1, count + 1):
+            parent = int(model.parents[joint])
+            placement = model.jointPlacements[joint]
+            placements[joint - 1, :9] = (turns[parent].T @ placement.rotation @ turns[joint]).ravel()
+            placements[joint - 1, 9:] = turns[parent].T @ placement.translation
+        chain = Chain(
+            np.array([int(model.parents[joint]) for joint in range(1, count + 1)], dtype=np.int64),
+            np.array([model.joints[joint].idx_v for joint in range(1, count + 1)], dtype=np.int64),
+            prismatic.astype(np.int64),
+            placements.astype(np.float32),
+        )
+        levers = np.zeros((len(covers), count))
+        reach = 0.0
+        for group, cover in enumerate(covers):
+            joint = int(groups.joints[group])
+            far = float((np.linalg.norm(cover.outer[:, :3], axis=1) + cover.outer[:, 3]).max())
+            reach = max(reach, far + _chain_length(model, prismatic, joint))
+            if joint > 0:
+                centres = np.concatenate([cover.outer[:, :3], cover.inner[:, :3]])
+                distances = axis_distances(model, axes, prismatic, joint, centres)
+                # Rounded up, and never zero where a joint moves the group.
+                levers[group] = np.where(distances > 0.0, distances * (1.0 + 1e-6), 0.0)
+                levers[group, _movers(model, joint)] = np.maximum(levers[group, _movers(model, joint)], 1e-6)
+        self.reach = reach
+        rounding = 48.0 * (count + 2) * _ROUNDING * reach
+        self.arrays = RobotBounds(
+            chain=chain,
+            outer=_tree([(cover.outer, cover.ends) for cover in covers], groups, turns, rounding),
+            inner=_tree([(cover.inner, cover.inner_ends) for cover in covers], groups, turns, -rounding),
+            joints=groups.joints,
+            exposed=(groups.joints > 0).astype(np.int64),
+            pairs=groups.pairs,
+            levers=levers.astype(np.float32),
+        )
+
+    def checks(self, scene: Scene, padding: float = 0.0, finest: float = FINEST) -> Checks:
+        """What the kernels take, for one thread.
+
+        Args:
+            scene: obstacles in the robot's root frame.
+            padding: distance that bodies have to keep from obstacles, but not from each other [m].
+            finest: intervals of an edge in which no point moves further than this are not halved [m].
+
+        Raises:
+            InvalidObstacleError: if a shape of an obstacle has no volume.
+            InvalidOptionError: if the padding is negative, or `finest` is not positive.
+        """
+        if not 0.0 <= padding < math.inf:
+            raise InvalidOptionError("padding", padding, "a distance of at least 0 m")
+        if not 0.0 < finest < math.inf:
+            raise InvalidOptionError("finest", finest, "a positive distance [m]")
+        reach = self.reach + padding + 0.01
+        rounding = 64.0 * _ROUNDING * reach
+        return Checks(
+            self.arrays,
+            pack_obstacles(scene, reach),
+            padding + rounding,
+            padding - rounding,
+            finest,
+            np.array(self.robot.motion_radii, dtype=np.float64),
+            self._scratch(),
+        )
+
+    def for_thread(self, checks: Checks) -> Checks:
+        """The same checks for another thread."""
+        return checks._replace(scratch=self._scratch())
+
+    def _scratch(self) -> Scratch:
+        joints, groups = len(self.arrays.chain.parents), len(self.arrays.joints)
+        outer, inner = len(self.arrays.outer.spheres), len(self.arrays.inner.spheres)
+
+        def singles(*shape: int) -> np.ndarray:
+            return np.zeros(shape, dtype=np.float32)
+
+        return Scratch(
+            values=singles(joints, LANES),
+            frames=singles(joints + 1, FRAME_ROWS * STRIDE),
+            turning=singles((FRAME_ROWS + 3) * STRIDE),
+            outer=singles(outer, SPHERE_ROWS * STRIDE),
+            inner=singles(inner, SPHERE_ROWS * STRIDE),
+            outer_ages=np.zeros(outer, dtype=np.int64),
+            inner_ages=np.zeros(inner, dtype=np.int64),
+            clock=np.zeros(1, dtype=np.int64),
+            slack=singles(groups),
+            bend=singles(groups),
+            accelerations=singles(groups),
+            open=np.zeros(LANES, dtype=np.int32),
+            lane=np.eye(LANES, dtype=np.int32),
+            hits=np.zeros(LANES, dtype=np.int32),
+            stack=np.zeros((_STACK, 2), dtype=np.int64),
+            intervals=np.zeros((_INTERVALS, 2)),
+        )
+
+
+_known: WeakKeyDictionary[Robot, CollisionBounds] = WeakKeyDictionary()
+_building = threading.Lock()
+
+
+def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds:
+    """The bounds of a robot: those made before, from a file, or else built and kept in the user's cache.
+
+    Building takes some ten seconds for an arm, once; it is logged.
+
+    Args:
+        robot: a robot.
+        progress: see `build_covers`.
+    """
+    with _building:
+        bounds = _known.get(robot)
+        if bounds is None:
+            options, sharpening = CoverOptions(), SharpeningOptions()
+            key = cover_key(robot, options, sharpening)
+            covers = load_covers(key)
+            if covers is None:
+                logger.info("building the collision bounds of %s", robot.name)
+                begin = time.perf_counter()
+                covers = build_covers(robot, options, sharpening, progress)
+                logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
+                save_covers(key, covers)
+            bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
+        return bounds
+
+
+def build_covers(
+    robot: Robot,
+    options: CoverOptions | None = None,
+    sharpening: SharpeningOptions | None = None,
+    progress: Progress | None = None,
+) -> list[Cover]:
+    """Covers of a robot's groups of bodies, made anew. See `CoverBuilder` and `sharpen_close_pairs`.
+
+    Args:
+        robot: a robot.
+        options: how fine.
+        sharpening: what is done about links that are close to each other.
+        progress: is told after every group of bodies, and at the end.
+    """
+    options = options or CoverOptions()
+    groups = group_bodies(robot.collision_model)
+    items = robot.collision_model.geometryObjects
+    builders = []
+    for number, members in enumerate(groups.members):
+        builders.append(CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options))
+        builders[-1].build()
+        if progress is not None:
+            progress(number + 1, len(groups.members) + 1)
+
+    def covers() -> list[Cover]:
+        return [builder.cover() for builder in builders]
+
+    nothing = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame)
+    judge = ExactChecker(robot, nothing)
+
+    def undecided(configurations: FloatArray) -> FloatArray:
+        bounds = CollisionBounds(robot, groups, covers())
+        verdicts = Verdicts(bounds.checks(nothing)).of_states(configurations)
+        open_ones = configurations[verdicts == UNDECIDED]
+        return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
+
+    sharpen_close_pairs(robot, groups, builders, undecided, sharpening or SharpeningOptions())
+    if progress is not None:
+        progress(len(groups.members) + 1, len(groups.members) + 1)
+    return covers()
+
+
+def _turned_frames(axes: FloatArray) -> list[FloatArray]:
+    """Rotations (3, 3) whose third column is the joint's axis; of the root: the identity."""
+    turns = [np.eye(3)]
+    for axis in axes:
+        other = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        first = np.cross(other, axis)
+        first /= np.linalg.norm(first)
+        turns.append(np.stack([first, np.cross(axis, first), axis], axis=1))
+    return turns
+
+
+def _movers(model: pin.Model, joint: int) -> list[int]:
+    """Places, in Pinocchio's order, of the joints that move a joint's frame."""
+    return [int(mover) - 1 for mover in model.supports[joint] if mover > 0]
+
+
+def _chain_length(model: pin.Model, prismatic: np.ndarray, joint: int) -> float:
+    """How far the frame of a joint is from the root at most, in all configurations [m]."""
+    length = 0.0
+    for mover in _movers(model, joint):
+        length += float(np.linalg.norm(model.jointPlacements[mover + 1].translation))
+        if prismatic[mover]:
+            index = model.joints[mover + 1].idx_v
+            length += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index]))
+    return length
+
+
+def _tree(
+    covers: Sequence[tuple[FloatArray, np.ndarray]], groups: BodyGroups, turns: list[FloatArray], rounding: float
+) -> SphereTree:
+    """Trees of all groups in one, in the turned frames, `rounding` added to all radii."""
+    spheres, ends, roots = [np.empty((0, 4))], [np.empty(0, dtype=np.int64)], [0]
+    for group, (balls, own_ends) in enumerate(covers):
+        placed = balls.copy()
+        placed[:, :3] = balls[:, :3] @ turns[int(groups.joints[group])]
+        placed[:, 3] += rounding
+        spheres.append(placed)
+        ends.append(own_ends + roots[-1])
+        roots.append(roots[-1] + len(balls))
+    return SphereTree(
+        np.concatenate(spheres).astype(np.float32),
+        np.concatenate(ends),
+        np.array(roots, dtype=np.int64),
+    )

@@ -1,0 +1,144 @@
+"""The obstacles of a scene as the verdict kernels read them."""
+
+from __future__ import annotations
+
+import math
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from bsp_informed_planner.collision.check_arrays_kernels import (
+    BALL,
+    BOX,
+    CONE,
+    CYLINDER,
+    HALF_SPACE,
+    PART_SIZE,
+    POLYTOPE,
+    Obstacles,
+)
+from bsp_informed_planner.collision.obstacle_tree_kernels import clip_boxes, grow_tree
+from bsp_informed_planner.errors import InvalidObstacleError
+from bsp_informed_planner.scene.polytopes import convex_parts, hull_polytope
+from bsp_informed_planner.scene.pose import FloatArray, Pose
+from bsp_informed_planner.scene.scene import Obstacle, Scene
+from bsp_informed_planner.scene.shapes import (
+    Box,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
+from bsp_informed_planner.scene.voxels import merged_boxes
+
+# One part: its kind, numbers (PART_SIZE,), lower and upper corner, and its planes (q, 4), empty but for polytopes.
+Part = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray]
+_NO_PLANES = np.empty((0, 4))
+# Obstacles do not change, and most of a scene stays from one to the next.
+_known: WeakKeyDictionary[Obstacle, tuple[Part, ...]] = WeakKeyDictionary()
+
+
+def pack_obstacles(scene: Scene, reach: float) -> Obstacles:
+    """Arrays of a scene's obstacles.
+
+    What no point of the robot can come near is left out, and boxes are cut to what it can: the kernels compute in
+    single precision, whose errors grow with the numbers.
+
+    Args:
+        scene: in the robot's root frame.
+        reach: distance from the origin that no point of the robot and its padding exceeds [m].
+
+    Raises:
+        InvalidObstacleError: if a shape of an obstacle has no volume.
+    """
+    parts = [part for obstacle in scene.obstacles.values() for part in _parts_of(obstacle)]
+    count = len(parts)
+    kinds = np.array([part[0] for part in parts], dtype=np.int64)
+    numbers = np.array([part[1] for part in parts]).reshape(count, PART_SIZE)
+    lower = np.array([part[2] for part in parts]).reshape(count, 3)
+    upper = np.array([part[3] for part in parts]).reshape(count, 3)
+    planes = [_NO_PLANES]
+    first = 0
+    for index in np.flatnonzero(kinds == POLYTOPE).tolist():
+        own = parts[index][4]
+        numbers[index, 0], numbers[index, 1] = first, first + len(own)
+        planes.append(own)
+        first += len(own)
+    clip_boxes(kinds, numbers, lower, upper, reach)
+    near = ((lower <= reach) & (upper >= -reach)).all(axis=1)
+    boxes, ends, order = grow_tree(np.ascontiguousarray(lower[near]), np.ascontiguousarray(upper[near]))
+    leaves = order >= 0
+    node_kinds = np.full(len(order), -1, dtype=np.int64)
+    node_kinds[leaves] = kinds[near][order[leaves]]
+    node_parts = np.zeros((len(order), PART_SIZE), dtype=np.float32)
+    node_parts[leaves] = numbers[near][order[leaves]]
+    return Obstacles(boxes.astype(np.float32), ends, node_kinds, node_parts, np.concatenate(planes).astype(np.float32))
+
+
+def _parts_of(obstacle: Obstacle) -> tuple[Part, ...]:
+    parts = _known.get(obstacle)
+    if parts is None:
+        found: list[Part] = []
+        for shape, pose in obstacle.placed_shapes():
+            try:
+                found.extend(_shape_parts(shape, pose))
+            except ValueError as error:
+                raise InvalidObstacleError(obstacle.id, str(error)) from error
+        parts = _known[obstacle] = tuple(found)
+    return parts
+
+
+def _shape_parts(shape: Shape, pose: Pose) -> list[Part]:
+    """Parts of a shape, in the frame of the scene: all that the judge sees of it, and nothing else.
+
+    Raises:
+        ValueError: if it has no volume.
+    """
+    if isinstance(shape, Box):
+        return [_box(pose.position, 0.5 * shape.size, pose.rotation)]
+    if isinstance(shape, PointCloud):
+        sizes, centres = merged_boxes(shape)
+        places = pose.apply(centres)
+        return [_box(place, 0.5 * size, pose.rotation) for size, place in zip(sizes, places, strict=True)]
+    if isinstance(shape, Sphere):
+        spread = np.full(3, shape.radius)
+        return [_part(BALL, pose.position, spread, (shape.radius,))]
+    if isinstance(shape, (Cylinder, Cone)):
+        axis = pose.rotation[:, 2]
+        spread = 0.5 * shape.height * np.abs(axis) + shape.radius * np.sqrt(np.maximum(1.0 - axis**2, 0.0))
+        kind = CYLINDER if isinstance(shape, Cylinder) else CONE
+        return [_part(kind, pose.position, spread, (*axis, shape.radius, 0.5 * shape.height))]
+    if isinstance(shape, ConvexMesh):
+        return [_polytope(pose.apply(shape.vertices))]
+    if isinstance(shape, Mesh):
+        return [_polytope(pose.apply(part)) for part in convex_parts(shape)]
+    if isinstance(shape, HalfSpace):
+        normal = pose.rotation @ shape.normal
+        numbers = np.zeros(PART_SIZE)
+        numbers[:3], numbers[3] = normal, shape.offset - float(normal @ pose.position)
+        return [(HALF_SPACE, numbers, np.full(3, -math.inf), np.full(3, math.inf), _NO_PLANES)]
+    raise TypeError(f"no shape: {shape!r}")
+
+
+def _part(kind: int, centre: FloatArray, spread: FloatArray, numbers: tuple[float, ...]) -> Part:
+    row = np.zeros(PART_SIZE)
+    row[:3] = centre
+    row[3 : 3 + len(numbers)] = numbers
+    return kind, row, centre - spread, centre + spread, _NO_PLANES
+
+
+def _box(centre: FloatArray, half: FloatArray, rotation: FloatArray) -> Part:
+    return _part(BOX, centre, np.abs(rotation) @ half, (*half, *rotation.T.ravel()))
+
+
+def _polytope(points: FloatArray) -> Part:
+    """A convex hull, with a ball inside around the middle of its vertices."""
+    hull = hull_polytope(points)
+    middle = hull.vertices.mean(axis=0)
+    numbers = np.zeros(PART_SIZE)
+    numbers[2:5], numbers[5] = middle, max(-float(hull.distance(middle)), 0.0)
+    return POLYTOPE, numbers, hull.vertices.min(axis=0), hull.vertices.max(axis=0), hull.planes

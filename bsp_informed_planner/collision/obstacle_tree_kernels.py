@@ -1,0 +1,99 @@
+"""A tree of boxes over the parts of obstacles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bsp_informed_planner.collision.check_arrays_kernels import BOX
+from bsp_informed_planner.compiled import kernel
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@kernel
+def clip_boxes(kinds: Indices, parts: Floats, lower: Floats, upper: Floats, reach: float) -> None:
+    """Cuts boxes to what is near, in place, and the bounds of all parts to the cube of half edge `reach` [m].
+
+    A box is cut, in its own frame, to the cube that holds the ball of radius `reach` around the origin; what remains is
+    as far from every point of the ball as all of it. A box that does not meet the cube gets empty bounds.
+    """
+    for i in range(kinds.shape[0]):
+        if kinds[i] == BOX:
+            part = parts[i]
+            empty = False
+            for axis in range(3):
+                direction = part[6 + 3 * axis : 9 + 3 * axis]
+                centre = direction[0] * part[0] + direction[1] * part[1] + direction[2] * part[2]
+                half = part[3 + axis]
+                low, high = max(centre - half, -reach), min(centre + half, reach)
+                if low > high:
+                    empty = True
+                    break
+                if low > centre - half or high < centre + half:
+                    move = 0.5 * (low + high) - centre
+                    for k in range(3):
+                        part[k] += move * direction[k]
+                    part[3 + axis] = 0.5 * (high - low)
+            for k in range(3):
+                spread = abs(part[6 + k]) * part[3] + abs(part[9 + k]) * part[4] + abs(part[12 + k]) * part[5]
+                lower[i, k] = 2.0 * reach if empty else part[k] - spread
+                upper[i, k] = 2.0 * reach if empty else part[k] + spread
+        for k in range(3):
+            if lower[i, k] < -reach and upper[i, k] >= -reach:
+                lower[i, k] = -reach
+            if upper[i, k] > reach and lower[i, k] <= reach:
+                upper[i, k] = reach
+
+
+@kernel
+def grow_tree(lower: Floats, upper: Floats) -> tuple[Floats, Indices, Indices]:
+    """A binary tree over boxes (m, 3): cut at the median along the axis in which their centres spread most.
+
+    Returns:
+        bounds (k, 6), the index after the last node below each (k,), and the box of each leaf, -1 for other nodes (k,).
+        Depth first; k = 2 m - 1, or 0.
+    """
+    count = lower.shape[0]
+    total = max(2 * count - 1, 0)
+    boxes = np.empty((total, 6))
+    ends = np.empty(total, np.int64)
+    order = np.full(total, -1)
+    members = np.arange(count)
+    # Ranges of members, and the node they go to.
+    stack = np.empty((count + 1, 3), np.int64)
+    height = 0
+    if count > 0:
+        stack[0, 0], stack[0, 1], stack[0, 2] = 0, count, 0
+        height = 1
+    while height > 0:
+        height -= 1
+        begin, end, node = stack[height, 0], stack[height, 1], stack[height, 2]
+        ends[node] = node + 2 * (end - begin) - 1
+        axis, spread = 0, -1.0
+        for k in range(3):
+            low, high = np.inf, -np.inf
+            least, most = np.inf, -np.inf
+            for i in range(begin, end):
+                box = members[i]
+                low, high = min(low, lower[box, k]), max(high, upper[box, k])
+                centre = lower[box, k] + upper[box, k]
+                least, most = min(least, centre), max(most, centre)
+            boxes[node, k], boxes[node, 3 + k] = low, high
+            if most - least > spread:
+                axis, spread = k, most - least
+        if end - begin == 1:
+            order[node] = members[begin]
+            continue
+        own = members[begin:end].copy()
+        keys = np.empty(end - begin)
+        for i in range(end - begin):
+            keys[i] = lower[own[i], axis] + upper[own[i], axis]
+        members[begin:end] = own[np.argsort(keys)]
+        middle = (begin + end) // 2
+        stack[height, 0], stack[height, 1], stack[height, 2] = begin, middle, node + 1
+        stack[height + 1, 0], stack[height + 1, 1] = middle, end
+        stack[height + 1, 2] = node + 1 + 2 * (middle - begin) - 1
+        height += 2
+    return boxes, ends, order

@@ -1,0 +1,365 @@
+"""A solid bounded by triangles, cut into cubes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bsp_informed_planner.compiled import kernel
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Columns of a cell: centre, half edge, and its signed distance: minus its depth for a cell inside the solid, its
+#: distance from the surface for one that the surface may pass through [m].
+CELL_SIZE = 5
+
+HALF_DIAGONAL = math.sqrt(3.0)
+# A ray that passes an edge of a triangle as close as this, in barycentric coordinates, is not trusted.
+EDGE_DOUBT = 1e-9
+# Some direction that is parallel to nothing.
+RAY = (0.8128, 0.3793, 0.4422)
+
+
+@kernel
+def squared_distance(p: Floats, a: Floats, b: Floats, c: Floats, nearest: Floats) -> float:
+    """From a point to a triangle, whose nearest point is written to `nearest` (Ericson, "Real-time collision
+    detection", 2005, 5.1.5)."""
+    ab0, ab1, ab2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    ac0, ac1, ac2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    ap0, ap1, ap2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+    d1, d2 = ab0 * ap0 + ab1 * ap1 + ab2 * ap2, ac0 * ap0 + ac1 * ap1 + ac2 * ap2
+    s, t = 0.0, 0.0
+    if not (d1 <= 0.0 and d2 <= 0.0):
+        bp0, bp1, bp2 = p[0] - b[0], p[1] - b[1], p[2] - b[2]
+        d3, d4 = ab0 * bp0 + ab1 * bp1 + ab2 * bp2, ac0 * bp0 + ac1 * bp1 + ac2 * bp2
+        cp0, cp1, cp2 = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+        d5, d6 = ab0 * cp0 + ab1 * cp1 + ab2 * cp2, ac0 * cp0 + ac1 * cp1 + ac2 * cp2
+        vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
+        if d3 >= 0.0 and d4 <= d3:
+            s = 1.0
+        elif d6 >= 0.0 and d5 <= d6:
+            t = 1.0
+        elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
+            s = d1 / (d1 - d3)
+        elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0 and d2 > d6:
+            t = d2 / (d2 - d6)
+        elif va <= 0.0 and d4 >= d3 and d5 >= d6 and (d4 - d3) + (d5 - d6) > 0.0:
+            t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+            s = 1.0 - t
+        elif va + vb + vc > 0.0:
+            s, t = vb / (va + vb + vc), vc / (va + vb + vc)
+    nearest[0] = a[0] + s * ab0 + t * ac0
+    nearest[1] = a[1] + s * ab1 + t * ac1
+    nearest[2] = a[2] + s * ab2 + t * ac2
+    x, y, z = p[0] - nearest[0], p[1] - nearest[1], p[2] - nearest[2]
+    return x * x + y * y + z * z
+
+
+@kernel
+def distance_to(p: Floats, triangles: Floats, nearest: Floats) -> float:
+    """From a point (3,) to a surface of triangles (m, 3, 3); the nearest point goes to `nearest` (3,)."""
+    best = np.inf
+    found = np.empty(3)
+    for i in range(triangles.shape[0]):
+        squared = squared_distance(p, triangles[i, 0], triangles[i, 1], triangles[i, 2], found)
+        if squared < best:
+            best = squared
+            nearest[:] = found
+    return math.sqrt(best)
+
+
+@kernel
+def solid_angle_winding(p: Floats, triangles: Floats) -> float:
+    """How often a surface winds around a point, by the solid angles of Van Oosterom and Strackee (1983)."""
+    total = 0.0
+    for i in range(triangles.shape[0]):
+        a0, a1, a2 = triangles[i, 0, 0] - p[0], triangles[i, 0, 1] - p[1], triangles[i, 0, 2] - p[2]
+        b0, b1, b2 = triangles[i, 1, 0] - p[0], triangles[i, 1, 1] - p[1], triangles[i, 1, 2] - p[2]
+        c0, c1, c2 = triangles[i, 2, 0] - p[0], triangles[i, 2, 1] - p[1], triangles[i, 2, 2] - p[2]
+        la = math.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
+        lb = math.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
+        lc = math.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
+        volume = a0 * (b1 * c2 - b2 * c1) - a1 * (b0 * c2 - b2 * c0) + a2 * (b0 * c1 - b1 * c0)
+        divisor = la * lb * lc + (a0 * b0 + a1 * b1 + a2 * b2) * lc
+        divisor += (b0 * c0 + b1 * c1 + b2 * c2) * la + (c0 * a0 + c1 * a1 + c2 * a2) * lb
+        total += math.atan2(volume, divisor)
+    return abs(total) / (2.0 * math.pi)
+
+
+@kernel
+def ray_winding(p: Floats, triangles: Floats) -> float:
+    """How often a closed surface winds around a point, by the crossings of a ray; -1 if that is not certain."""
+    r0, r1, r2 = RAY
+    total = 0
+    for i in range(triangles.shape[0]):
+        a0, a1, a2 = triangles[i, 0, 0] - p[0], triangles[i, 0, 1] - p[1], triangles[i, 0, 2] - p[2]
+        b0, b1, b2 = triangles[i, 1, 0] - p[0], triangles[i, 1, 1] - p[1], triangles[i, 1, 2] - p[2]
+        c0, c1, c2 = triangles[i, 2, 0] - p[0], triangles[i, 2, 1] - p[1], triangles[i, 2, 2] - p[2]
+        # Volumes that the ray spans with the edges: all of one sign if it passes through the triangle.
+        u = r0 * (b1 * c2 - b2 * c1) + r1 * (b2 * c0 - b0 * c2) + r2 * (b0 * c1 - b1 * c0)
+        v = r0 * (c1 * a2 - c2 * a1) + r1 * (c2 * a0 - c0 * a2) + r2 * (c0 * a1 - c1 * a0)
+        w = r0 * (a1 * b2 - a2 * b1) + r1 * (a2 * b0 - a0 * b2) + r2 * (a0 * b1 - a1 * b0)
+        doubt = EDGE_DOUBT * (abs(u) + abs(v) + abs(w))
+        if max(u, v, w) < -doubt or min(u, v, w) > doubt:
+            volume = a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
+            # The triangle is ahead of the point, not behind.
+            if volume * (u + v + w) > 0.0:
+                total += 1 if volume > 0.0 else -1
+        elif not (min(u, v, w) < -doubt and max(u, v, w) > doubt):
+            return -1.0
+    return float(abs(total))
+
+
+@kernel
+def distance_to_edges(p: Floats, edges: Floats) -> float:
+    """From a point (3,) to segments (k, 2, 3); infinite without any."""
+    best = np.inf
+    for i in range(edges.shape[0]):
+        along, length, squared = 0.0, 0.0, 0.0
+        for k in range(3):
+            step = edges[i, 1, k] - edges[i, 0, k]
+            along += step * (p[k] - edges[i, 0, k])
+            length += step * step
+        share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+        for k in range(3):
+            gap = edges[i, 0, k] + share * (edges[i, 1, k] - edges[i, 0, k]) - p[k]
+            squared += gap * gap
+        best = min(best, squared)
+    return math.sqrt(best)
+
+
+@kernel
+def winding_bounds(
+    p: Floats, radius: float, triangles: Floats, open_edges: Floats, open_length: float
+) -> tuple[float, float]:
+    """The least and the greatest winding number in a ball that the surface does not pass through.
+
+    Around a closed surface the winding number is constant there. Otherwise it is a potential whose gradient, by the law
+    of Biot and Savart for a current along the open edges, is at most their length / (4 pi distance^2).
+    """
+    if open_edges.shape[0] == 0:
+        winding = ray_winding(p, triangles)
+        if winding < 0.0:
+            winding = solid_angle_winding(p, triangles)
+        return winding, winding
+    winding = solid_angle_winding(p, triangles)
+    clear = distance_to_edges(p, open_edges) - radius
+    if clear <= 0.0:
+        return 0.0, np.inf
+    change = radius * open_length / (4.0 * math.pi * clear * clear)
+    return winding - change, winding + change
+
+
+@kernel
+def cut_into_cells(
+    triangles: Floats,
+    near: Indices,
+    open_edges: Floats,
+    open_length: float,
+    centre: Floats,
+    half: float,
+    finest: float,
+    coarsest: float,
+) -> Floats:
+    """Cubes that cover a solid: its surface, and all points around which the surface winds, up to sign, more than half.
+
+    Cubes are cut into eight until they are outside, or inside and no larger than `coarsest`, or no larger than
+    `finest`. The triangles that may be nearest to a point of a cube are handed down.
+
+    Args:
+        triangles: (m, 3, 3) of the surface [m].
+        near: (l,) the triangles that may be nearest to a point of the first cube.
+        open_edges, open_length: (k, 2, 3) edges at which the surface is not closed, and their length, counted as often
+            as needed [m].
+        centre, half: of the first cube, which holds the surface; half its edge [m].
+        finest, coarsest: half edges of the smallest cells, and of the largest inside [m].
+
+    Returns:
+        (n, CELL_SIZE).
+    """
+    levels = 2 + int(max(np.ceil(np.log2(half / finest)), 0.0))
+    count = near.shape[0]
+    lists = np.empty((levels + 1, count), np.int64)
+    lengths = np.empty(levels + 1, np.int64)
+    lists[0] = near
+    lengths[0] = count
+    distances = np.empty(count)
+    nearest = np.empty(3)
+    # Of the cube of each level that was cut last: its centre, and the winding number there, -1 if not known yet.
+    centres = np.empty((levels + 1, 3))
+    windings = np.full(levels + 1, -1.0)
+    # A cube to look at: centre, half edge, level, and whether it is known to be inside.
+    stack = np.empty((8 * (levels + 1), 6))
+    stack[0, :3] = centre
+    stack[0, 3], stack[0, 4], stack[0, 5] = half, 0.0, 0.0
+    height = 1
+    cells = np.empty((4096, CELL_SIZE))
+    used = 0
+    while height > 0:
+        height -= 1
+        x, y, z, a = stack[height, 0], stack[height, 1], stack[height, 2], stack[height, 3]
+        level, inside = int(stack[height, 4]), stack[height, 5] > 0.5
+        p = np.array([x, y, z])
+        best = np.inf
+        for i in range(lengths[level]):
+            t = lists[level, i]
+            squared = squared_distance(p, triangles[t, 0], triangles[t, 1], triangles[t, 2], nearest)
+            distances[i] = squared
+            best = min(best, squared)
+        distance = math.sqrt(best)
+        diagonal = HALF_DIAGONAL * a
+        pure = distance > diagonal * (1.0 + 1e-9)
+        if pure and not inside:
+            if open_edges.shape[0] == 0 and level > 0:
+                # The larger cube's centre is a corner of this one, and the surface does not come between.
+                if windings[level - 1] < 0.0:
+                    windings[level - 1] = winding_bounds(centres[level - 1], 0.0, triangles, open_edges, 0.0)[0]
+                least = greatest = windings[level - 1]
+            else:
+                least, greatest = winding_bounds(p, diagonal, triangles, open_edges, open_length)
+            if greatest < 0.5:
+                continue
+            # Where the winding number is not certain, the cell is covered, but as if it were no deeper than it must.
+            inside = least > 0.5
+            if not inside and a > finest:
+                pure = False
+        if (pure and a <= coarsest) or a <= finest:
+            if used == cells.shape[0]:
+                grown = np.empty((2 * used, CELL_SIZE))
+                grown[:used] = cells
+                cells = grown
+            cells[used, 0], cells[used, 1], cells[used, 2], cells[used, 3] = x, y, z, a
+            cells[used, 4] = -distance if pure and inside else distance
+            used += 1
+            continue
+        # Any point of the cube is at most a diagonal from its centre.
+        limit = (distance + 2.0 * diagonal) ** 2 * (1.0 + 1e-9)
+        kept = 0
+        for i in range(lengths[level]):
+            if distances[i] <= limit:
+                lists[level + 1, kept] = lists[level, i]
+                kept += 1
+        lengths[level + 1] = kept
+        centres[level] = p
+        windings[level] = -1.0
+        for child in range(8):
+            stack[height, 0] = x + (0.5 * a if child & 1 else -0.5 * a)
+            stack[height, 1] = y + (0.5 * a if child & 2 else -0.5 * a)
+            stack[height, 2] = z + (0.5 * a if child & 4 else -0.5 * a)
+            stack[height, 3], stack[height, 4] = 0.5 * a, level + 1.0
+            stack[height, 5] = 1.0 if inside else 0.0
+            height += 1
+    return cells[:used].copy()
+
+
+@kernel
+def recut_cells(
+    cells: Floats,
+    ball: Floats,
+    triangles: Floats,
+    open_edges: Floats,
+    open_length: float,
+    finest: float,
+    coarsest: float,
+) -> Floats:
+    """Smaller cells, (m, CELL_SIZE), that cover what a solid shares with each of some cells (n, ...) of a ball."""
+    nearest = np.empty(3)
+    distances = np.empty(triangles.shape[0])
+    for t in range(triangles.shape[0]):
+        squared = squared_distance(ball[:3], triangles[t, 0], triangles[t, 1], triangles[t, 2], nearest)
+        distances[t] = math.sqrt(squared)
+    # From any point of the ball, the nearest triangle is no further than that of the centre plus the radius.
+    near = np.flatnonzero(distances <= (distances.min() + 2.0 * ball[3]) * (1.0 + 1e-9))
+    result = np.empty((256, CELL_SIZE))
+    used = 0
+    for i in range(cells.shape[0]):
+        centre, half = cells[i, :3].copy(), cells[i, 3]
+        parts = cut_into_cells(triangles, near, open_edges, open_length, centre, half, finest, coarsest)
+        while used + parts.shape[0] > result.shape[0]:
+            grown = np.empty((2 * result.shape[0], CELL_SIZE))
+            grown[:used] = result[:used]
+            result = grown
+        result[used : used + parts.shape[0]] = parts
+        used += parts.shape[0]
+    return result[:used].copy()
+
+
+@kernel
+def touching_balls(first: Floats, second: Floats, centre: Floats, radius: float) -> Indices:
+    """(k, 2) indices of the balls (m, 4), (n, 4) of two sets that touch; a ball around the second set is given."""
+    found = np.empty((64, 2), np.int64)
+    used = 0
+    for i in range(first.shape[0]):
+        x, y, z, r = first[i, 0], first[i, 1], first[i, 2], first[i, 3]
+        dx, dy, dz = x - centre[0], y - centre[1], z - centre[2]
+        if dx * dx + dy * dy + dz * dz > (r + radius) ** 2:
+            continue
+        for j in range(second.shape[0]):
+            dx, dy, dz = x - second[j, 0], y - second[j, 1], z - second[j, 2]
+            if dx * dx + dy * dy + dz * dz < (r + second[j, 3]) ** 2:
+                if used == found.shape[0]:
+                    grown = np.empty((2 * used, 2), np.int64)
+                    grown[:used] = found
+                    found = grown
+                found[used, 0], found[used, 1] = i, j
+                used += 1
+    return found[:used].copy()
+
+
+@kernel
+def is_outermost(triangles: Floats, offset: float) -> NDArray[np.bool_]:
+    """(m,) for which triangles a point close to it is outside of the solid: only some points are looked at."""
+    found = np.zeros(triangles.shape[0], np.bool_)
+    for i in range(triangles.shape[0]):
+        a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
+        normal = np.cross(b - a, c - a)
+        length = math.sqrt((normal * normal).sum())
+        if length > 0.0:
+            middle = (a + b + c) / 3.0
+            for corner in range(4):
+                point = middle if corner == 3 else 0.1 * middle + 0.9 * triangles[i, corner]
+                for side in (-1.0, 1.0):
+                    p = point + side * offset / length * normal
+                    winding = ray_winding(p, triangles)
+                    if winding < 0.0:
+                        winding = solid_angle_winding(p, triangles)
+                    found[i] |= winding < 0.5
+    return found
+
+
+@kernel
+def medial_balls(points: Floats, triangles: Floats, tolerance: float) -> Floats:
+    """The largest balls inside a solid that touch its surface where it is nearest to given inner points.
+
+    From the surface's nearest point through the inner point, the centre is pushed on for as long as the surface stays no
+    nearer (cf. Ma, Bae, Choi, "3D medial axis point approximation using nearest neighbors and the normal field", 2012).
+
+    Returns:
+        (k, 4) centres and distances from the surface [m].
+    """
+    balls = np.empty((points.shape[0], 4))
+    nearest, other = np.empty(3), np.empty(3)
+    for i in range(points.shape[0]):
+        first = distance_to(points[i], triangles, nearest)
+        balls[i, :3] = points[i]
+        balls[i, 3] = first
+        if first <= 0.0:
+            continue
+        direction = (points[i] - nearest) / first
+        low, high = first, 2.0 * first
+        while high < 1e3 and distance_to(nearest + high * direction, triangles, other) >= high - tolerance:
+            low, high = high, 2.0 * high
+        for _ in range(12):
+            if high - low < tolerance:
+                break
+            middle = 0.5 * (low + high)
+            if distance_to(nearest + middle * direction, triangles, other) >= middle - tolerance:
+                low = middle
+            else:
+                high = middle
+        balls[i, :3] = nearest + low * direction
+        balls[i, 3] = distance_to(balls[i, :3], triangles, other)
+    return balls
