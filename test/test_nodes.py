@@ -507,7 +507,7 @@ def _plan_when_scene_is_there(client: SuiteClient) -> PlanResponse:
 
 
 def test_latched_topics_are_latched() -> None:
-    # The contract of DESIGN: reliable, transient local, depth 1.
+    # What subscribers rely on: reliable, transient local, depth 1.
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
     assert LATCHED.depth == 1

@@ -124,11 +124,11 @@ class Planner:
         InvalidOptionError: if the decomposition is of another scene, or of another dimension than the robot's.
         SceneError: if a shape of an obstacle has no volume.
 
-    Example:
-        >>> from bsp_informed_planner.robots.demo_arms import ur5                          # doctest: +SKIP
-        >>> planner = Planner(ur5(), load_scene("shelf.yaml"))                             # doctest: +SKIP
-        >>> result = planner.plan(PlanningProblem(start, [JointGoal(goal)]))               # doctest: +SKIP
-        >>> result.trajectory.positions                                                   # doctest: +SKIP
+    Examples:
+        >>> from bsp_informed_planner.robots.demo_arms import ur5  # doctest: +SKIP
+        >>> planner = Planner(ur5(), load_scene("shelf.yaml"))  # doctest: +SKIP
+        >>> result = planner.plan(PlanningProblem(start, [JointGoal(goal)]))  # doctest: +SKIP
+        >>> result.trajectory.positions  # doctest: +SKIP
     """
 
     def __init__(

@@ -15,7 +15,11 @@ from bsp_informed_planner.scene.pose import FloatArray, Pose
 
 @dataclass(frozen=True, eq=False)
 class JointGoal:
-    """A goal configuration, taken to the letter: a full turn away is another goal. `configuration`: (n,)."""
+    """A goal configuration, taken to the letter, but for whole turns of continuous joints: those are the same goal.
+
+    Attributes:
+        configuration: (n,) [rad or m].
+    """
 
     configuration: FloatArray
 
