@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -95,20 +96,26 @@ class EnclosedBodies:
                     boxes[link] = self._add_box(link)
                 self._probes.addCollisionPair(pin.CollisionPair(boxes[link], index))
                 self._pairs.append((link, body))
-        self._create_scratch()
 
-    def _create_scratch(self) -> None:
-        """All that must not be shared between threads."""
-        self._data = self._model.createData()
-        self._probe_data = create_geometry_data(self._probes)
-        self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._probes, self._probe_data)
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self._model.createData()
+
+    @cached_property
+    def _probe_data(self) -> pin.GeometryData:
+        return create_geometry_data(self._probes)
+
+    @cached_property
+    def _broadphase(self) -> pin.BroadPhaseManager_NaiveCollisionManager:
+        return pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._probes, self._probe_data)
 
     def clone(self) -> EnclosedBodies:
         """One of the same robot and obstacles, for another thread."""
         other = object.__new__(EnclosedBodies)
         other.__dict__.update(self.__dict__)
         other._surfaces = dict(self._surfaces)
-        other._create_scratch()
+        for name in ("_data", "_probe_data", "_broadphase"):
+            other.__dict__.pop(name, None)
         return other
 
     @property
