@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +21,14 @@ from bsp_informed_planner.scene.scene import Scene
 
 #: Edges of a path that are judged by the bounds at once.
 CHUNK = 256
+#: The exact judge gets pieces of an edge in which no point moves further than this, for the sake of patience [m].
+LONGEST_PIECE = 0.05
 #: Exact verdicts on edges that are remembered.
 MOST_REMEMBERED = 100_000
+
+
+def _always() -> bool:
+    return True
 
 
 class BoundedChecker:
@@ -70,7 +78,9 @@ class BoundedChecker:
         self._judge: ExactChecker | None = None
         self._certifier: EdgeCertifier | None = None
         self._known: dict[bytes, Verdict] = {}
-        self.verdicts = Verdicts(self._arrays)
+        # The bounds know of no link that may touch an obstacle.
+        sure_hits = not any(body in self.scene.obstacles for pair in self.scene.allowed_collisions for body in pair)
+        self.verdicts = Verdicts(self._arrays, sure_hits)
 
     def clone(self) -> BoundedChecker:
         """One of the same scene and robot, for another thread."""
@@ -127,8 +137,12 @@ class BoundedChecker:
         """(m - 1,) which edges of a path (m, n) the bounds prove free."""
         return self.verdicts.of_edges(path[:-1], path[1:]) == FREE
 
-    def certify(self, start: FloatArray, end: FloatArray) -> Verdict:
+    def certify(self, start: FloatArray, end: FloatArray, goes_on: Callable[[], bool] = _always) -> Verdict:
         """The verdict on the straight edge from start to end, both (n,). It is remembered.
+
+        Args:
+            start, end: (n,).
+            goes_on: asked every few milliseconds; False ends the work, with COLLIDING.
 
         Raises:
             ValueError: as `is_free`.
@@ -139,23 +153,31 @@ class BoundedChecker:
         if verdict is None:
             if len(self._known) >= MOST_REMEMBERED:
                 self._known.clear()
-            verdict = self._known[key] = self._certified(start, end)
+            verdict = self._certified(start, end, goes_on)
+            if not goes_on():
+                return Verdict.COLLIDING
+            self._known[key] = verdict
         return verdict
 
-    def _certified(self, start: FloatArray, end: FloatArray) -> Verdict:
+    def _certified(self, start: FloatArray, end: FloatArray, goes_on: Callable[[], bool]) -> Verdict:
         code, left = self.verdicts.of_edge(start, end)
         if code == FREE:
             return Verdict.CERTIFIED
         if code == COLLIDING:
             return Verdict.COLLIDING
         worst = Verdict.CERTIFIED
+        motion = float(self.robot.motion_radii @ np.abs(end - start))
         for low, high in left.tolist():
-            # The ends to the bit: they are judged by themselves, too.
-            first = start if low <= 0.0 else start + low * (end - start)
-            last = end if high >= 1.0 else start + high * (end - start)
-            worst = max(worst, self.certifier.certify(first, last))
-            if worst is Verdict.COLLIDING:
-                break
+            pieces = max(math.ceil((high - low) * motion / LONGEST_PIECE), 1)
+            for piece in range(pieces):
+                first = low + (high - low) * piece / pieces
+                last = high if piece == pieces - 1 else low + (high - low) * (piece + 1) / pieces
+                # The ends to the bit: they are judged by themselves, too.
+                a = start if first <= 0.0 else start + first * (end - start)
+                b = end if last >= 1.0 else start + last * (end - start)
+                worst = max(worst, self.certifier.certify(a, b))
+                if worst is Verdict.COLLIDING or not goes_on():
+                    return worst
         return worst
 
     def edge_verdicts(self, path: FloatArray) -> list[Verdict]:

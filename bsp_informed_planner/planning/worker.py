@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
+from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
@@ -128,7 +129,7 @@ class Worker:
         trees, budget = self._trees, self._budget
 
         def grow(source: SampleSource, ask: int, effort: int) -> FloatArray | None:
-            return trees.solve(source, budget, ask=ask, judge=self._last.is_edge_free, effort=effort, is_over=is_over)
+            return trees.solve(source, budget, ask=ask, judge=self._passes, effort=effort, is_over=is_over)
 
         path = grow(self._uniform, ASK_UNSURE, HEAD_START)
         chains: list[FloatArray] = []
@@ -167,10 +168,15 @@ class Worker:
             free = code == FREE
             if code == UNDECIDED and ask > 0:
                 ask -= 1
-                free = self._last.is_edge_free(start, goal)
+                free = self._passes(start, goal)
             if free:
                 return np.array((start, goal))
         return None
+
+    def _passes(self, start: FloatArray, end: FloatArray) -> bool:
+        """Whether the last check lets an edge pass, which it leaves in time."""
+        verdict = self._last.certify(start, end, lambda: not self._budget.is_out_of_time())
+        return verdict is not Verdict.COLLIDING
 
     def _restart(self, trees: RrtConnect) -> None:
         self._finished_nodes += trees.nodes
@@ -209,9 +215,7 @@ class Worker:
                 self._restart(trees)
                 trees.seed(chains)
                 chains = []
-                found = trees.solve(
-                    self._mixture, self._budget, ask=ASK_UNSURE, judge=self._last.is_edge_free, effort=patience
-                )
+                found = trees.solve(self._mixture, self._budget, ask=ASK_UNSURE, judge=self._passes, effort=patience)
                 if found is not None:
                     self._offer(self.shortened(found), on_better)
                 if self._budget.is_spent():
@@ -253,7 +257,7 @@ class Worker:
         )
         ask, effort = ASK_UNSURE, GUIDED
         while not self._budget.is_spent():
-            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._last.is_edge_free, effort=effort)
+            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._passes, effort=effort)
             if path is None:
                 # Without a path so far, one may need edges that the bounds leave open.
                 ask, effort = (ask, effort) if tree.best_cost < np.inf else (ASK_ALL, 2 * effort)
