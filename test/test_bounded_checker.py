@@ -173,17 +173,20 @@ def test_covers_of_the_arm_are_used_again(arm: ArmRobot) -> None:
 
 def test_touch_links_are_not_checked(arm: ArmRobot) -> None:
     nothing = Scene.of([], BOUNDS, arm.root_frame)
-    large = Obstacle.of("plate", Box(np.array([0.02, 0.4, 0.4])), Pose.from_xyz_rpy([-0.08, 0.0, 0.0]))
-    state = np.array([0.0, -1.5, 1.5, 0.0, 1.5, 0.0])
-    assert ExactChecker(arm, nothing).is_free(state)
-    held = with_attached(
-        arm, [AttachedBody(large, "ee_link", frozenset({"wrist_3_link", "wrist_2_link", "wrist_1_link"}))]
-    )
-    bumped = with_attached(arm, [AttachedBody(large, "ee_link")])
-    assert BoundedChecker(held, nothing).is_free(state)
-    pair = BoundedChecker(bumped, nothing).colliding_bodies(state)
-    assert pair is not None
-    assert set(pair) & {"wrist_1_link", "wrist_2_link"}
+    plate = Obstacle.of("plate", Box(np.array([0.02, 0.2, 0.2])), Pose.from_xyz_rpy([-0.08, 0.0, 0.0]))
+    near = frozenset({"wrist_3_link", "wrist_2_link", "wrist_1_link"})
+    held = BoundedChecker(with_attached(arm, [AttachedBody(plate, "ee_link", near)]), nothing)
+    bumped = BoundedChecker(with_attached(arm, [AttachedBody(plate, "ee_link")]), nothing)
+    found = set()
+    for state in np.random.default_rng(7).uniform(-np.pi, np.pi, (300, 6)):
+        if held.is_free(state):
+            pair = bumped.colliding_bodies(state)
+            if pair is not None:
+                assert set(pair) <= {"plate", *near}
+                found.add(pair)
+        else:
+            assert not bumped.is_free(state)
+    assert found
 
 
 def test_links_that_do_not_exist(arm: ArmRobot) -> None:
