@@ -21,7 +21,7 @@ setup(
     python_requires=">=3.10,<3.14",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     # Weights of networks, with their cards, lie beside the modules that load them.
-    package_data={PACKAGE: ["py.typed", "**/*.safetensors", "**/*.json", "**/*.yaml"]},
+    package_data={PACKAGE: ["py.typed", "**/*.npz", "**/*.safetensors", "**/*.json", "**/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

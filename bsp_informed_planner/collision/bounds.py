@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pinocchio as pin
 
+from bsp_informed_planner.collision.attached import base_of
 from bsp_informed_planner.collision.body_groups import BodyGroups, group_bodies
 from bsp_informed_planner.collision.check_arrays_kernels import (
     FRAME_ROWS,
@@ -70,6 +71,7 @@ class CollisionBounds:
 
     Attributes:
         robot: whose bounds they are.
+        groups, covers: of its bodies.
         arrays: for the kernels.
         reach: no point of the robot is further from the root frame's origin, in any configuration [m].
     """
@@ -82,6 +84,8 @@ class CollisionBounds:
             covers: of each group.
         """
         self.robot = robot
+        self.groups = groups
+        self.covers = tuple(covers)
         model = robot.model
         axes, prismatic = joint_axes(model)
         turns = _turned_frames(axes)
@@ -190,6 +194,8 @@ _building = threading.Lock()
 def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds:
     """The bounds of a robot: those made before, from a file, or else built and kept in the user's cache.
 
+    If it carries bodies (`with_attached`), only these are new.
+
     Building takes some ten seconds for an arm, once; it is logged.
 
     Args:
@@ -197,19 +203,51 @@ def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds
         progress: see `build_covers`.
     """
     with _building:
-        bounds = _known.get(robot)
-        if bounds is None:
-            options, sharpening = CoverOptions(), SharpeningOptions()
-            key = cover_key(robot, options, sharpening)
-            covers = load_covers(key)
-            if covers is None:
-                logger.info("building the collision bounds of %s", robot.name)
-                begin = time.perf_counter()
-                covers = build_covers(robot, options, sharpening, progress)
-                logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
-                save_covers(key, covers)
-            bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
-        return bounds
+        return _bounds_of(robot, progress)
+
+
+def _bounds_of(robot: Robot, progress: Progress | None) -> CollisionBounds:
+    bounds = _known.get(robot)
+    if bounds is None:
+        base = base_of(robot)
+        if base is not None:
+            covers = _extended(_bounds_of(base, progress), robot)
+        else:
+            covers = _kept_covers(robot, progress)
+        bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
+    return bounds
+
+
+def _kept_covers(robot: Robot, progress: Progress | None) -> list[Cover]:
+    options, sharpening = CoverOptions(), SharpeningOptions()
+    key = cover_key(robot, options, sharpening)
+    covers = load_covers(key)
+    if covers is None:
+        logger.info("building the collision bounds of %s", robot.name)
+        begin = time.perf_counter()
+        covers = build_covers(robot, options, sharpening, progress)
+        logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
+        save_covers(key, covers)
+    return covers
+
+
+def _extended(base: CollisionBounds, robot: Robot) -> list[Cover]:
+    """Covers of a robot that carries more than another: what they have in common is known."""
+    known = dict(zip(base.groups.members, base.covers, strict=True))
+    covers = []
+    for members in group_bodies(robot.collision_model).members:
+        cover = known.get(members)
+        if cover is None:
+            builder = _builder(robot, members, CoverOptions())
+            builder.build()
+            cover = builder.cover()
+        covers.append(cover)
+    return covers
+
+
+def _builder(robot: Robot, members: Sequence[int], options: CoverOptions) -> CoverBuilder:
+    items = robot.collision_model.geometryObjects
+    return CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options)
 
 
 def build_covers(
@@ -228,10 +266,9 @@ def build_covers(
     """
     options = options or CoverOptions()
     groups = group_bodies(robot.collision_model)
-    items = robot.collision_model.geometryObjects
     builders = []
     for number, members in enumerate(groups.members):
-        builders.append(CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options))
+        builders.append(_builder(robot, members, options))
         builders[-1].build()
         if progress is not None:
             progress(number + 1, len(groups.members) + 1)
