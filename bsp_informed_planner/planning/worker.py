@@ -211,15 +211,19 @@ class Worker:
         star.insert_path(self._incumbent.path)
         patience = PATIENCE * self._effort
         while not self._budget.is_spent() and not self._is_optimal():
+            met = False
             for _ in range(RESTARTS):
                 self._restart(trees)
                 trees.seed(chains)
                 chains = []
                 found = trees.solve(self._mixture, self._budget, ask=ASK_UNSURE, judge=self._passes, effort=patience)
                 if found is not None:
+                    met = True
                     self._offer(self.shortened(found), on_better)
                 if self._budget.is_spent():
                     return
+            # Where shorter paths are hard to find, longer searches may.
+            patience = patience if met else 2 * patience
             self._offer(self.shortened(self._incumbent.path), on_better)
             if self._incumbent.cost < star.best_cost:
                 star.insert_path(self._incumbent.path)
@@ -229,7 +233,8 @@ class Worker:
             elif star.best_cost < self._incumbent.cost:
                 best = star.best_path()
                 assert best is not None
-                self._offer(best, on_better)
+                # One attempt: what counts is that needless waypoints go.
+                self._offer(self.shortened(best, 1), on_better)
         self._finished_nodes += star.nodes
 
     def _offer(self, path: FloatArray, on_better: Callable[[], None]) -> None:
