@@ -180,23 +180,25 @@ class BoundedChecker:
                     return worst
         return worst
 
-    def edge_verdicts(self, path: FloatArray) -> list[Verdict]:
-        """The verdict on each edge of a path (m, n), up to the first in collision."""
+    def edge_verdicts(self, path: FloatArray, goes_on: Callable[[], bool] = _always) -> list[Verdict]:
+        """The verdict on each edge of a path (m, n), up to the first in collision. `goes_on`: see `certify`."""
         path = np.ascontiguousarray(path, dtype=np.float64)
         verdicts: list[Verdict] = []
         for first in range(0, len(path) - 1, CHUNK):
             part = path[first : first + CHUNK + 1]
             for index, code in enumerate(self.verdicts.of_edges(part[:-1], part[1:]).tolist()):
-                verdicts.append(Verdict.CERTIFIED if code == FREE else self.certify(part[index], part[index + 1]))
+                verdicts.append(
+                    Verdict.CERTIFIED if code == FREE else self.certify(part[index], part[index + 1], goes_on)
+                )
                 if verdicts[-1] is Verdict.COLLIDING:
                     return verdicts
         return verdicts
 
-    def verdict(self, path: FloatArray) -> Verdict:
-        """The worst verdict on the edges of a path (m, n)."""
+    def verdict(self, path: FloatArray, goes_on: Callable[[], bool] = _always) -> Verdict:
+        """The worst verdict on the edges of a path (m, n). `goes_on`: see `certify`."""
         if len(path) < 2:
             return Verdict.CERTIFIED if self.is_free(path[0]) else Verdict.COLLIDING
-        return max(self.edge_verdicts(path))
+        return max(self.edge_verdicts(path, goes_on))
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
         """The names of two bodies that touch in a configuration: links and obstacle ids; None if it is free.

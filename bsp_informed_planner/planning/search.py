@@ -150,6 +150,8 @@ class Search:
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
+        if isinstance(guidance, Guidance):
+            self._guidance = guidance
         self.report("searching")
         nearest = goals[int(np.argmin(np.linalg.norm(goals - start, axis=1)))]
         if np.abs(nearest - start).max() < SAME_STATE:
