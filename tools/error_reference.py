@@ -47,6 +47,7 @@ ADVICE: dict[type[errors.BspPlannerError], str] = {
     errors.UnknownPlannerError: "Take one of the ids that the message lists; empty is the default.",
     errors.UnknownSamplerError: "Take one of the ids that the message lists; empty is the default.",
     errors.UnsupportedRequestError: "Leave the named field empty: it asks for what this planner does not do.",
+    errors.ModelUnavailableError: "Train one (`bsp-planner train`), or name a sampler that needs no model.",
     errors.MissingPackageError: "Install the extra that the message names.",
     errors.InvalidOptionError: "The message has the range.",
     errors.SceneUnavailableError: "Publish a scene on `obstacle_scene`, and wait for `scene_status`.",

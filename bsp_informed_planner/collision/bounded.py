@@ -13,6 +13,7 @@ from bsp_informed_planner.collision.bounds import FINEST, CollisionBounds, bound
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
 from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.robots.robot import Robot
@@ -39,7 +40,8 @@ class BoundedChecker:
     check found no collision down to intervals of `finest`.
 
     Attributes:
-        robot, scene, padding: as of `ExactChecker`.
+        robot: with what it holds in the scene.
+        scene, padding: as of `ExactChecker`.
         bounds: of the robot.
         verdicts: of the bounds alone, for kernels too, in this thread.
         judge: the exact checker; made when it is first needed.
@@ -63,7 +65,9 @@ class BoundedChecker:
         Raises:
             InvalidObstacleError: if a shape of an obstacle has no volume.
             InvalidOptionError: if the padding is negative, or `finest` is not positive.
+            UnknownFrameError: if a body is attached to a link that the robot does not have.
         """
+        robot = robot_in_scene(robot, scene)
         self.robot = robot
         self.scene = scene
         self.padding = float(padding)

@@ -12,7 +12,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pinocchio as pin
 
-from bsp_informed_planner.collision.attached import base_of
 from bsp_informed_planner.collision.body_groups import BodyGroups, group_bodies
 from bsp_informed_planner.collision.check_arrays_kernels import (
     FRAME_ROWS,
@@ -29,6 +28,7 @@ from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptio
 from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.cover_kernels import enclosing_ball
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import HoldingRobot
 from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
 from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
 from bsp_informed_planner.collision.solids import body_of
@@ -194,7 +194,7 @@ _building = threading.Lock()
 def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds:
     """The bounds of a robot: those made before, from a file, or else built and kept in the user's cache.
 
-    If it carries bodies (`with_attached`), only these are new.
+    If it holds something (`robot_in_scene`), only the groups of what it holds are new.
 
     Building takes some ten seconds for an arm, once; it is logged.
 
@@ -209,11 +209,7 @@ def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds
 def _bounds_of(robot: Robot, progress: Progress | None) -> CollisionBounds:
     bounds = _known.get(robot)
     if bounds is None:
-        base = base_of(robot)
-        if base is not None:
-            covers = _extended(_bounds_of(base, progress), robot)
-        else:
-            covers = _kept_covers(robot, progress)
+        covers = _kept_covers(robot, progress)
         bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
     return bounds
 
@@ -225,14 +221,17 @@ def _kept_covers(robot: Robot, progress: Progress | None) -> list[Cover]:
     if covers is None:
         logger.info("building the collision bounds of %s", robot.name)
         begin = time.perf_counter()
-        covers = build_covers(robot, options, sharpening, progress)
+        if isinstance(robot, HoldingRobot):
+            covers = _extended(_bounds_of(robot.bare, progress), robot)
+        else:
+            covers = build_covers(robot, options, sharpening, progress)
         logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
         save_covers(key, covers)
     return covers
 
 
 def _extended(base: CollisionBounds, robot: Robot) -> list[Cover]:
-    """Covers of a robot that carries more than another: what they have in common is known."""
+    """Covers of a robot that holds something: what it has in common with the bare one is known."""
     known = dict(zip(base.groups.members, base.covers, strict=True))
     covers = []
     for members in group_bodies(robot.collision_model).members:

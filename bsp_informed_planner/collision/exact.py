@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.attached import body_name
 from bsp_informed_planner.collision.enclosure import EnclosedBodies
 from bsp_informed_planner.collision.geometry import add_scene, create_geometry_data
 from bsp_informed_planner.collision.holding import robot_in_scene
@@ -62,7 +61,7 @@ class ExactChecker:
         self.padding = float(padding)
         self.collision_model = robot.collision_model.copy()
         links = range(robot.collision_model.ngeoms)
-        self._bodies = [body_name(robot, self.collision_model.geometryObjects[i]) for i in links]
+        self._bodies = [robot.model.frames[self.collision_model.geometryObjects[i].parentFrame].name for i in links]
         self._moving = [i for i in links if self.collision_model.geometryObjects[i].parentJoint > 0]
         self._self_pairs = len(self.collision_model.collisionPairs)
         self._obstacles = []
