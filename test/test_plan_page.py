@@ -69,7 +69,8 @@ def test_a_plan_is_shown(viewer: Viewer, planner: Planner) -> None:
     np.testing.assert_allclose(page.motion.configuration, page.goal.configuration, atol=1e-3)
     ball = page.motion.robot.nodes[-1]
     np.testing.assert_allclose(ball.position[:2], page.motion.configuration, atol=1e-9)
-    assert len(page.motion.samples.nodes) == 1
+    # None where a path was found before guidance was needed.
+    assert len(page.motion.samples.nodes) <= 1
     # Another goal, and the plan is none any more.
     set_value(page.goal.sliders[0], float(page.goal.configuration[0]) + 0.05)
     assert page.motion.configuration is None
