@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet as pq
 
-from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.errors import DatasetError, InvalidOptionError
 from bsp_informed_planner.experience.collection import Collector
 from bsp_informed_planner.experience.description import FILE_NAME, DatasetDescription
@@ -111,7 +110,6 @@ def collect_shard(campaign: Campaign, job: ShardJob) -> ShardResult:
     Raises:
         BspPlannerError: if a problem cannot be made or its scene not be used.
     """
-    ensure_compiled()
     records = []
     for index in range(job.first, job.first + job.count):
         seed = problem_seed(job.split, campaign.seed, index)
