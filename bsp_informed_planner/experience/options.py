@@ -13,7 +13,7 @@ from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 
 @dataclass(frozen=True)
 class CollectionOptions:
-    """Options of Algorithm 2. No clock bounds anything: the same options give the same rows on any machine.
+    """Options of Algorithm 2. No clock bounds anything: the same options give the same rows, however busy the machine is.
 
     Attributes:
         epsilon: neighbouring keypoints closer than this are merged [m].
@@ -42,14 +42,14 @@ class CollectionOptions:
     epsilon: float = 0.03
     keep_sight: bool = True
     max_removals: int = 40
-    max_samples: int = 4_000
-    max_padded_samples: int = 1_000
-    connect_samples: int = 1_000
-    refine_samples: int = 100
-    whole_samples: int = 2_000
+    max_samples: int = 2_000
+    max_padded_samples: int = 300
+    connect_samples: int = 500
+    refine_samples: int = 30
+    whole_samples: int = 1_000
     restarts: int = 0
-    restart_samples: int = 300
-    whole_refine_samples: int = 100
+    restart_samples: int = 200
+    whole_refine_samples: int = 60
     shortcut_attempts: int = 60
     paddings: tuple[float, ...] = (0.0,)
     revisit_tolerance: float = 1e-6
@@ -86,7 +86,7 @@ def default_options(robot: Robot) -> CollectionOptions:
         return CollectionOptions()
     return CollectionOptions(
         epsilon=0.05,
-        restarts=3,
+        restarts=1,
         paddings=(0.03, 0.015, 0.007, 0.0),
         revisit_tolerance=0.02,
         allow_detours=True,
