@@ -13,7 +13,7 @@ from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 
 @dataclass(frozen=True)
 class CollectionOptions:
-    """Options of Algorithm 2. No clock bounds anything: the same options give the same rows, however busy the machine is.
+    """Options of Algorithm 2. No clock bounds anything: the same options give the same rows on a busy machine too.
 
     Attributes:
         epsilon: neighbouring keypoints closer than this are merged [m].
