@@ -21,7 +21,7 @@ setup(
     python_requires=">=3.10,<3.14",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     # Weights of networks, with their cards, lie beside the modules that load them.
-    package_data={PACKAGE: ["py.typed", "**/*.safetensors", "**/*.json", "**/*.yaml"]},
+    package_data={PACKAGE: ["py.typed", "**/*.npz", "**/*.safetensors", "**/*.json", "**/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -81,6 +81,8 @@ setup(
         "view": ["viser>=1.0,<2"],
         "test": ["hypothesis>=6.100,<7", "pytest>=8.2,<10", "python-fcl>=0.7.0.8,<0.8"],
         "lint": ["mypy>=1.11,<3", "ruff>=0.6,<1", "types-PyYAML>=6.0"],
+        # The site that `make docs` builds; from Python 3.11 on.
+        "docs": ["mkdocstrings-python>=2.0,<3", "zensical>=0.0.73,<0.1"],
     },
     entry_points={
         "console_scripts": [

@@ -267,6 +267,16 @@ def test_guides_by_their_ids(models: Path, maze: MazeProblem) -> None:
         make_guide("oracle", setting)
 
 
+def test_a_robot_without_a_model_gets_exact_keypoints(maze: MazeProblem, tmp_path: Path) -> None:
+    guide = make_guide("learned", setting_of(maze, tmp_path))
+    guidance = guide.guide(maze.start, maze.goal[None], ExactChecker(PointRobot(), maze.scene))
+    assert guidance.sampler_id == "learned"
+    assert guidance.chains
+    assert guidance.fallback_reason.startswith("exact keypoints: no model of kind heatmap")
+    with pytest.raises(ModelUnavailableError, match="cvae_shortest_path"):
+        make_guide("cvae_shortest_path", setting_of(maze, tmp_path))
+
+
 def test_a_robot_without_a_model_is_named(models: Path, maze: MazeProblem) -> None:
     with pytest.raises(ModelUnavailableError, match="robot 'ur5"):
         find_model(ur5(), ("heatmap",), models)

@@ -9,18 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bsp_informed_planner.robots.arm import ArmRobot, load_arm
-from bsp_informed_planner.robots.demo_arms import example_robot_data, panda, ur5
+from bsp_informed_planner.robots.arm import ArmRobot
+from bsp_informed_planner.robots.demo_arms import panda, tiago, ur5
 from bsp_informed_planner.robots.motion_bound import bounding_points, motion_radii
-
-ROBOTS = example_robot_data() / "example-robot-data" / "robots"
-
-
-def tiago() -> ArmRobot:
-    held = dict.fromkeys(("wheel_left_joint", "wheel_right_joint", "head_1_joint", "head_2_joint"), 0.0)
-    return load_arm(
-        ROBOTS / "tiago_description/robots/tiago_no_hand.urdf", None, [example_robot_data()], locked_joints=held
-    )
 
 
 def surface_points(robot: ArmRobot, geometry_data: pin.GeometryData, points: list[np.ndarray]) -> np.ndarray:

@@ -56,14 +56,23 @@ def shelf_problem(arm: ArmRobot, seed: int) -> tuple[Planner, PlanningProblem]:
     return Planner(arm, problem.scene), PlanningProblem(problem.start, [PoseGoal(problem.goal_poses[0])])
 
 
-def assert_verified(planner: Planner, result: PlanResult) -> None:
+def assert_free(planner: Planner, result: PlanResult) -> None:
     """Path and trajectory are free at the resolution that the result names, for a checker of its own."""
     checker = ExactChecker(planner.robot, planner.scene)
     for states in (result.path, result.trajectory.positions):
         for start, end in zip(states[:-1], states[1:], strict=True):
             assert checker.is_edge_free(start, end, 2.0 * result.verification_resolution)
+
+
+def assert_verified(planner: Planner, result: PlanResult) -> None:
+    """What `assert_free` says, and the rest."""
+    assert_free(planner, result)
+    checker = ExactChecker(planner.robot, planner.scene)
     proof = CertifyingChecker(checker, result.verification_resolution)
-    assert (proof.verdict(result.trajectory.positions) is Verdict.CERTIFIED) == result.certified
+    # The exact judge alone proves no less than is claimed.
+    verdict = proof.verdict(result.trajectory.positions)
+    assert verdict is not Verdict.COLLIDING
+    assert verdict is Verdict.CERTIFIED or not result.certified
     assert result.cost == pytest.approx(path_length(result.path))
     assert np.allclose(result.trajectory.positions[[0, -1]], result.path[[0, -1]], atol=1e-6)
     assert (np.abs(result.trajectory.velocities) <= planner.robot.velocity_limits * (1.0 + 1e-6)).all()
@@ -148,6 +157,49 @@ def test_threads_share_a_planner() -> None:
         thread.join()
     assert len(results) == 4
     assert all(np.array_equal(result.path, alone.path) for result in results)
+
+
+@pytest.mark.parametrize("sampler_id", ["keypoint_tube", "uniform"])
+def test_two_threads_search_for_one_plan(arm: ArmRobot, sampler_id: str) -> None:
+    planner, problem = shelf_problem(arm, 6)
+    result = planner.plan(problem, PlanOptions(allowed_seconds=2.0, seed=1, threads=2, sampler_id=sampler_id))
+    assert_verified(planner, result)
+    assert list(result.cost_history.costs) == sorted(result.cost_history.costs, reverse=True)
+    assert list(result.cost_history.seconds) == sorted(result.cost_history.seconds)
+
+
+def test_two_threads_end_when_one_is_cancelled() -> None:
+    planner, problem = walled_in()
+    begin = time.monotonic()
+    options = PlanOptions(allowed_seconds=30.0, threads=2)
+    with pytest.raises(PlanningCancelledError):
+        planner.plan(problem, options, cancelled=lambda: time.monotonic() - begin > 0.2)
+    assert time.monotonic() - begin < 0.5
+
+
+def test_a_plan_of_so_many_samples_is_repeatable() -> None:
+    planner, problem = maze_problem(3)
+    options = PlanOptions(allowed_seconds=60.0, seed=3, max_samples=3000)
+    first, second = (planner.plan(problem, options) for _ in range(2))
+    assert np.array_equal(first.path, second.path)
+    assert first.statistics.samples <= 3000
+
+
+def test_dear_joints_move_less() -> None:
+    planner, problem = maze_problem(3)
+    result = planner.plan(problem, PlanOptions(allowed_seconds=1.0, seed=1, cost_weights=(1.0, 5.0)))
+    assert_free(planner, result)
+    assert result.cost == pytest.approx(path_length(result.path, np.array([1.0, 5.0])))
+    plain = planner.plan(problem, PlanOptions(allowed_seconds=1.0, seed=1))
+    assert result.cost <= path_length(plain.path, np.array([1.0, 5.0])) * 1.01
+    with pytest.raises(InvalidOptionError, match="2 numbers, one a joint"):
+        planner.plan(problem, PlanOptions(cost_weights=(1.0,)))
+
+
+def test_sample_budgets_beyond_memory_are_refused() -> None:
+    planner, problem = maze_problem(3)
+    with pytest.raises(InvalidOptionError, match="max_samples = 1000000000: expected at most"):
+        planner.plan(problem, PlanOptions(max_samples=10**9))
 
 
 def walled_in() -> tuple[Planner, PlanningProblem]:

@@ -143,8 +143,10 @@ def test_the_command_prints_writes_and_ends_with_a_status(tmp_path: Path) -> Non
     command = ["robot", "check", str(urdf), "--samples", "200"]
     done = CliRunner().invoke(app, [*command, "--write-srdf", str(srdf)])
     assert done.exit_code == 0, done.output
-    for words in ("first plan, among", "inverse kinematics: numerical", "self-collision: 6 pairs", "planning works"):
+    for words in ("first plan, among", "inverse kinematics: numerical", "self-collision: 6 pairs"):
         assert words in done.output
+    # It is not said to work where its first plan found nothing.
+    assert ("planning works" in done.output) != ("no path among" in done.output)
     assert load_arm(urdf, srdf).tool_frame == "l3"
     done = CliRunner().invoke(app, [*command, "--srdf", str(srdf), "--json"])
     content = json.loads(done.stdout)

@@ -92,6 +92,18 @@ def soak(
     _run(benchmark, BenchmarkArguments(False, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
 
 
+@app.command()
+def collision(
+    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
+) -> None:
+    """Conservative collision checking: wrong verdicts, shares decided, time, against the exact judge."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.collision.benchmark import collision_benchmark
+
+    benchmark = collision_benchmark(quick)
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+
+
 def _run(benchmark: Benchmark, arguments: BenchmarkArguments) -> None:
     """Status 0 if all cases are done, whether or not the numbers hold; 130 after Ctrl-C."""
     from rich.console import Console

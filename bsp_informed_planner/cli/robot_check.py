@@ -199,8 +199,15 @@ def _print(report: RobotReport, speeds: tuple[CheckSpeed, ...], plan: FirstPlan 
         colour = _COLOURS[finding.severity]
         console.print(f"[{colour}]{finding.severity.value}[/{colour}] {finding.topic}: ", end="")
         console.print(finding.sentence, markup=False)
-    verdict = "planning works" if report.can_plan else "nothing can be planned until the errors are mended"
-    console.print(f"[bold]{verdict}[/bold]")
+    console.print(f"[bold]{_verdict(report, plan)}[/bold]")
+
+
+def _verdict(report: RobotReport, plan: FirstPlan | None) -> str:
+    if not report.can_plan:
+        return "nothing can be planned until the errors are mended"
+    if plan is not None and plan.found:
+        return "planning works"
+    return "nothing prevents planning, though no path has been found yet"
 
 
 def _joint_table(report: RobotReport) -> Table:

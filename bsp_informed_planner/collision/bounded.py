@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from bsp_informed_planner.collision.bounds import FINEST, CollisionBounds, bound
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
 from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.robots.robot import Robot
@@ -19,8 +22,14 @@ from bsp_informed_planner.scene.scene import Scene
 
 #: Edges of a path that are judged by the bounds at once.
 CHUNK = 256
+#: The exact judge gets pieces of an edge in which no point moves further than this, for the sake of patience [m].
+LONGEST_PIECE = 0.05
 #: Exact verdicts on edges that are remembered.
 MOST_REMEMBERED = 100_000
+
+
+def _always() -> bool:
+    return True
 
 
 class BoundedChecker:
@@ -31,7 +40,8 @@ class BoundedChecker:
     check found no collision down to intervals of `finest`.
 
     Attributes:
-        robot, scene, padding: as of `ExactChecker`.
+        robot: with what it holds in the scene.
+        scene, padding: as of `ExactChecker`.
         bounds: of the robot.
         verdicts: of the bounds alone, for kernels too, in this thread.
         judge: the exact checker; made when it is first needed.
@@ -55,7 +65,9 @@ class BoundedChecker:
         Raises:
             InvalidObstacleError: if a shape of an obstacle has no volume.
             InvalidOptionError: if the padding is negative, or `finest` is not positive.
+            UnknownFrameError: if a body is attached to a link that the robot does not have.
         """
+        robot = robot_in_scene(robot, scene)
         self.robot = robot
         self.scene = scene
         self.padding = float(padding)
@@ -70,7 +82,9 @@ class BoundedChecker:
         self._judge: ExactChecker | None = None
         self._certifier: EdgeCertifier | None = None
         self._known: dict[bytes, Verdict] = {}
-        self.verdicts = Verdicts(self._arrays)
+        # The bounds know of no link that may touch an obstacle.
+        sure_hits = not any(body in self.scene.obstacles for pair in self.scene.allowed_collisions for body in pair)
+        self.verdicts = Verdicts(self._arrays, sure_hits)
 
     def clone(self) -> BoundedChecker:
         """One of the same scene and robot, for another thread."""
@@ -127,8 +141,12 @@ class BoundedChecker:
         """(m - 1,) which edges of a path (m, n) the bounds prove free."""
         return self.verdicts.of_edges(path[:-1], path[1:]) == FREE
 
-    def certify(self, start: FloatArray, end: FloatArray) -> Verdict:
+    def certify(self, start: FloatArray, end: FloatArray, goes_on: Callable[[], bool] = _always) -> Verdict:
         """The verdict on the straight edge from start to end, both (n,). It is remembered.
+
+        Args:
+            start, end: (n,).
+            goes_on: asked every few milliseconds; False ends the work, with COLLIDING.
 
         Raises:
             ValueError: as `is_free`.
@@ -139,42 +157,52 @@ class BoundedChecker:
         if verdict is None:
             if len(self._known) >= MOST_REMEMBERED:
                 self._known.clear()
-            verdict = self._known[key] = self._certified(start, end)
+            verdict = self._certified(start, end, goes_on)
+            if not goes_on():
+                return Verdict.COLLIDING
+            self._known[key] = verdict
         return verdict
 
-    def _certified(self, start: FloatArray, end: FloatArray) -> Verdict:
+    def _certified(self, start: FloatArray, end: FloatArray, goes_on: Callable[[], bool]) -> Verdict:
         code, left = self.verdicts.of_edge(start, end)
         if code == FREE:
             return Verdict.CERTIFIED
         if code == COLLIDING:
             return Verdict.COLLIDING
         worst = Verdict.CERTIFIED
+        motion = float(self.robot.motion_radii @ np.abs(end - start))
         for low, high in left.tolist():
-            # The ends to the bit: they are judged by themselves, too.
-            first = start if low <= 0.0 else start + low * (end - start)
-            last = end if high >= 1.0 else start + high * (end - start)
-            worst = max(worst, self.certifier.certify(first, last))
-            if worst is Verdict.COLLIDING:
-                break
+            pieces = max(math.ceil((high - low) * motion / LONGEST_PIECE), 1)
+            for piece in range(pieces):
+                first = low + (high - low) * piece / pieces
+                last = high if piece == pieces - 1 else low + (high - low) * (piece + 1) / pieces
+                # The ends to the bit: they are judged by themselves, too.
+                a = start if first <= 0.0 else start + first * (end - start)
+                b = end if last >= 1.0 else start + last * (end - start)
+                worst = max(worst, self.certifier.certify(a, b))
+                if worst is Verdict.COLLIDING or not goes_on():
+                    return worst
         return worst
 
-    def edge_verdicts(self, path: FloatArray) -> list[Verdict]:
-        """The verdict on each edge of a path (m, n), up to the first in collision."""
+    def edge_verdicts(self, path: FloatArray, goes_on: Callable[[], bool] = _always) -> list[Verdict]:
+        """The verdict on each edge of a path (m, n), up to the first in collision. `goes_on`: see `certify`."""
         path = np.ascontiguousarray(path, dtype=np.float64)
         verdicts: list[Verdict] = []
         for first in range(0, len(path) - 1, CHUNK):
             part = path[first : first + CHUNK + 1]
             for index, code in enumerate(self.verdicts.of_edges(part[:-1], part[1:]).tolist()):
-                verdicts.append(Verdict.CERTIFIED if code == FREE else self.certify(part[index], part[index + 1]))
+                verdicts.append(
+                    Verdict.CERTIFIED if code == FREE else self.certify(part[index], part[index + 1], goes_on)
+                )
                 if verdicts[-1] is Verdict.COLLIDING:
                     return verdicts
         return verdicts
 
-    def verdict(self, path: FloatArray) -> Verdict:
-        """The worst verdict on the edges of a path (m, n)."""
+    def verdict(self, path: FloatArray, goes_on: Callable[[], bool] = _always) -> Verdict:
+        """The worst verdict on the edges of a path (m, n). `goes_on`: see `certify`."""
         if len(path) < 2:
             return Verdict.CERTIFIED if self.is_free(path[0]) else Verdict.COLLIDING
-        return max(self.edge_verdicts(path))
+        return max(self.edge_verdicts(path, goes_on))
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
         """The names of two bodies that touch in a configuration: links and obstacle ids; None if it is free.

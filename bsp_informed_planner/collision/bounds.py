@@ -26,7 +26,9 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
 )
 from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
 from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
+from bsp_informed_planner.collision.cover_kernels import enclosing_ball
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import HoldingRobot
 from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
 from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
 from bsp_informed_planner.collision.solids import body_of
@@ -44,6 +46,8 @@ logger = logging.getLogger(__name__)
 FINEST = 2e-4
 # Half the distance between 1 and the next number in single precision.
 _ROUNDING = 2.0**-24
+# Added to inner radii, and taken from obstacles' cores [m].
+_ROOM = 1e-6
 _STACK, _INTERVALS = 4096, 512
 
 # Is told the number of groups that are done, and of all groups.
@@ -67,6 +71,7 @@ class CollisionBounds:
 
     Attributes:
         robot: whose bounds they are.
+        groups, covers: of its bodies.
         arrays: for the kernels.
         reach: no point of the robot is further from the root frame's origin, in any configuration [m].
     """
@@ -79,6 +84,8 @@ class CollisionBounds:
             covers: of each group.
         """
         self.robot = robot
+        self.groups = groups
+        self.covers = tuple(covers)
         model = robot.model
         axes, prismatic = joint_axes(model)
         turns = _turned_frames(axes)
@@ -108,11 +115,11 @@ class CollisionBounds:
                 levers[group] = np.where(distances > 0.0, distances * (1.0 + 1e-6), 0.0)
                 levers[group, _movers(model, joint)] = np.maximum(levers[group, _movers(model, joint)], 1e-6)
         self.reach = reach
-        rounding = 48.0 * (count + 2) * _ROUNDING * reach
+        rounding = self._rounding = 48.0 * (count + 2) * _ROUNDING * reach
         self.arrays = RobotBounds(
             chain=chain,
             outer=_tree([(cover.outer, cover.ends) for cover in covers], groups, turns, rounding),
-            inner=_tree([(cover.inner, cover.inner_ends) for cover in covers], groups, turns, -rounding),
+            inner=_tree([_flat_tree(cover.inner) for cover in covers], groups, turns, -rounding),
             joints=groups.joints,
             exposed=(groups.joints > 0).astype(np.int64),
             pairs=groups.pairs,
@@ -137,11 +144,13 @@ class CollisionBounds:
             raise InvalidOptionError("finest", finest, "a positive distance [m]")
         reach = self.reach + padding + 0.01
         rounding = 64.0 * _ROUNDING * reach
+        # Inner radii lack the rounding of the robot's places: here it is the cores that bear it, since a robot may be a
+        # point. A little more than nothing is added, for a point touches only what is closer than its radius.
         return Checks(
             self.arrays,
-            pack_obstacles(scene, reach),
+            pack_obstacles(scene, reach, self._rounding + rounding + _ROOM),
             padding + rounding,
-            padding - rounding,
+            padding + self._rounding + _ROOM,
             finest,
             np.array(self.robot.motion_radii, dtype=np.float64),
             self._scratch(),
@@ -185,6 +194,8 @@ _building = threading.Lock()
 def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds:
     """The bounds of a robot: those made before, from a file, or else built and kept in the user's cache.
 
+    If it holds something (`robot_in_scene`), only the groups of what it holds are new.
+
     Building takes some ten seconds for an arm, once; it is logged.
 
     Args:
@@ -192,19 +203,50 @@ def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds
         progress: see `build_covers`.
     """
     with _building:
-        bounds = _known.get(robot)
-        if bounds is None:
-            options, sharpening = CoverOptions(), SharpeningOptions()
-            key = cover_key(robot, options, sharpening)
-            covers = load_covers(key)
-            if covers is None:
-                logger.info("building the collision bounds of %s", robot.name)
-                begin = time.perf_counter()
-                covers = build_covers(robot, options, sharpening, progress)
-                logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
-                save_covers(key, covers)
-            bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
-        return bounds
+        return _bounds_of(robot, progress)
+
+
+def _bounds_of(robot: Robot, progress: Progress | None) -> CollisionBounds:
+    bounds = _known.get(robot)
+    if bounds is None:
+        covers = _kept_covers(robot, progress)
+        bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
+    return bounds
+
+
+def _kept_covers(robot: Robot, progress: Progress | None) -> list[Cover]:
+    options, sharpening = CoverOptions(), SharpeningOptions()
+    key = cover_key(robot, options, sharpening)
+    covers = load_covers(key)
+    if covers is None:
+        logger.info("building the collision bounds of %s", robot.name)
+        begin = time.perf_counter()
+        if isinstance(robot, HoldingRobot):
+            covers = _extended(_bounds_of(robot.bare, progress), robot)
+        else:
+            covers = build_covers(robot, options, sharpening, progress)
+        logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
+        save_covers(key, covers)
+    return covers
+
+
+def _extended(base: CollisionBounds, robot: Robot) -> list[Cover]:
+    """Covers of a robot that holds something: what it has in common with the bare one is known."""
+    known = dict(zip(base.groups.members, base.covers, strict=True))
+    covers = []
+    for members in group_bodies(robot.collision_model).members:
+        cover = known.get(members)
+        if cover is None:
+            builder = _builder(robot, members, CoverOptions())
+            builder.build()
+            cover = builder.cover()
+        covers.append(cover)
+    return covers
+
+
+def _builder(robot: Robot, members: Sequence[int], options: CoverOptions) -> CoverBuilder:
+    items = robot.collision_model.geometryObjects
+    return CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options)
 
 
 def build_covers(
@@ -223,10 +265,9 @@ def build_covers(
     """
     options = options or CoverOptions()
     groups = group_bodies(robot.collision_model)
-    items = robot.collision_model.geometryObjects
     builders = []
     for number, members in enumerate(groups.members):
-        builders.append(CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options))
+        builders.append(_builder(robot, members, options))
         builders[-1].build()
         if progress is not None:
             progress(number + 1, len(groups.members) + 1)
@@ -274,6 +315,18 @@ def _chain_length(model: pin.Model, prismatic: np.ndarray, joint: int) -> float:
             index = model.joints[mover + 1].idx_v
             length += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index]))
     return length
+
+
+def _flat_tree(balls: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """A tree whose leaves are some balls, all below one node."""
+    if len(balls) < 2:
+        return balls, np.arange(1, len(balls) + 1)
+    cells = np.zeros((len(balls), 6))
+    cells[:, :3], cells[:, 5] = balls[:, :3], balls[:, 3]
+    root = enclosing_ball(cells, np.append(balls[:, :3].mean(axis=0), 0.0))
+    ends = np.arange(1, len(balls) + 2)
+    ends[0] = len(balls) + 1
+    return np.concatenate([root[None], balls]), ends
 
 
 def _tree(

@@ -64,7 +64,13 @@ class EdgeCertifier:
         self._data = self._model.createData()
         self._collision_model = checker.collision_model
         self.checks = 0
-        self._levels = [self._with_margins(self.coarsest / 2.0**level) for level in range(LEVELS)]
+        self._levels: dict[int, tuple[pin.GeometryData, pin.BroadPhaseManager_NaiveCollisionManager]] = {}
+
+    def _broadphase(self, level: int) -> pin.BroadPhaseManager_NaiveCollisionManager:
+        """A broadphase whose requests have the margins of the intervals of a level."""
+        if level not in self._levels:
+            self._levels[level] = self._with_margins(self.coarsest / 2.0**level)
+        return self._levels[level][1]
 
     def _with_margins(self, length: float) -> tuple[pin.GeometryData, pin.BroadPhaseManager_NaiveCollisionManager]:
         """A broadphase whose requests have the margins of intervals of a length."""
@@ -92,7 +98,7 @@ class EdgeCertifier:
             middle, half, level = pending.pop()
             state = start + middle * difference
             self.checks += 1
-            if not pin.computeCollisions(self._model, self._data, self._levels[level][1], state, True):
+            if not pin.computeCollisions(self._model, self._data, self._broadphase(level), state, True):
                 continue
             if not self._checker.is_free(state):
                 return Verdict.COLLIDING

@@ -26,6 +26,14 @@ ENCLOSING, BOX, BALL, CYLINDER, CONE, HALF_SPACE, POLYTOPE = -1, 0, 1, 2, 3, 4, 
 #: Numbers that describe a part of an obstacle, see `obstacle_kernels`.
 PART_SIZE = 16
 
+# How spheres are looked at, as a sum. It is passed as np.int64(...): kernels are compiled anew for every literal.
+#: Lanes are neighbours along an edge, and the intervals between them are looked at, too.
+SWEPT = 1
+#: Hits are certain (inner spheres), not their absence (outer spheres).
+SURELY = 2
+#: The first hit ends the search.
+STOP = 4
+
 #: Rows of a joint's frame: nine of its rotation, row by row, then three of its origin.
 FRAME_ROWS = 12
 # Rows of a placed sphere: its centre, and the squared radius against obstacles.
@@ -98,6 +106,8 @@ class Obstacles(NamedTuple):
         kinds: (k,) kind of a leaf's part, or ENCLOSING.
         parts: (k, PART_SIZE) description of a leaf's part.
         planes: (q, 4) outward unit normal and offset of the planes of all polytopes: n . x <= d inside.
+        cores, core_planes: the same of smaller parts, for hits that are certain in spite of rounding: all points within
+            that rounding of a core lie in its part.
     """
 
     boxes: Singles
@@ -105,6 +115,8 @@ class Obstacles(NamedTuple):
     kinds: Indices
     parts: Singles
     planes: Singles
+    cores: Singles
+    core_planes: Singles
 
 
 class Scratch(NamedTuple):
@@ -151,7 +163,7 @@ class Checks(NamedTuple):
     Attributes:
         robot: its bounds.
         obstacles: of the scene.
-        outer_margin, inner_margin: added to the radii against obstacles: padding, with and without rounding [m].
+        outer_margin, inner_margin: added to the radii against obstacles, and against their cores [m].
         finest: intervals of an edge in which no point of the robot moves further are not halved [m].
         motion: (n,) how far at most a point moves for a unit of motion of each joint.
         scratch: to work in.

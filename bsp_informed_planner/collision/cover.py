@@ -69,13 +69,12 @@ class Cover:
         outer: (m, 4) a tree of balls, depth first: centres and radii [m]. The leaves cover the bodies; a node holds
             all of the bodies that its leaves are there for.
         ends: (m,) index after the last node below a node.
-        inner, inner_ends: a tree whose leaves lie in the bodies.
+        inner: (k, 4) balls that lie in the bodies.
     """
 
     outer: FloatArray
     ends: np.ndarray
     inner: FloatArray
-    inner_ends: np.ndarray
 
 
 class CoverBuilder:
@@ -231,16 +230,7 @@ class CoverBuilder:
         outer, ends = _depth_first(self.root)
         if self._inner is None:
             self._inner = self.inner_balls()
-        inner = self._inner
-        if len(inner) > 1:
-            exact = np.zeros((len(inner), 6))
-            exact[:, :3], exact[:, 5] = inner[:, :3], inner[:, 3]
-            root = Node(enclosing_ball(exact, np.append(inner[:, :3].mean(axis=0), 0.0)), exact)
-            root.children = [Node(ball, exact) for ball in inner]
-            inner, inner_ends = _depth_first(root)
-        else:
-            inner_ends = np.arange(1, len(inner) + 1)
-        return Cover(outer, ends, inner, inner_ends)
+        return Cover(outer, ends, self._inner)
 
 
 def _exact(cells: FloatArray) -> FloatArray:

@@ -88,20 +88,16 @@ def save_covers(key: str, covers: Sequence[Cover], folder: Path | None = None) -
     folder = folder or _folder()
     if folder is None:
         return None
-    arrays = {}
+    arrays: dict[str, np.ndarray] = {"count": np.array(len(covers))}
     for index, cover in enumerate(covers):
-        for name, balls, ends, room in (
-            ("outer", cover.outer, cover.ends, _SINGLE),
-            ("inner", cover.inner, cover.inner_ends, -_SINGLE),
-        ):
-            enlarged = balls + np.array([0.0, 0.0, 0.0, room])
-            arrays[f"{name}_{index}"] = enlarged.astype(np.float32)
-            arrays[f"{name}_ends_{index}"] = ends.astype(np.int32)
+        arrays[f"outer_{index}"] = (cover.outer + [0.0, 0.0, 0.0, _SINGLE]).astype(np.float32)
+        arrays[f"ends_{index}"] = cover.ends.astype(np.int32)
+        arrays[f"inner_{index}"] = (cover.inner - [0.0, 0.0, 0.0, _SINGLE]).astype(np.float32)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor, temporary = tempfile.mkstemp(dir=folder, suffix=".part")
         with os.fdopen(descriptor, "wb") as file:
-            np.savez_compressed(file, count=np.array(len(covers)), **arrays)
+            np.savez_compressed(file, allow_pickle=False, **arrays)
         path = folder / f"{key}.npz"
         os.replace(temporary, path)
     except OSError as error:
@@ -115,9 +111,8 @@ def _read(path: Path) -> list[Cover]:
         return [
             Cover(
                 file[f"outer_{i}"].astype(np.float64),
-                file[f"outer_ends_{i}"].astype(np.int64),
+                file[f"ends_{i}"].astype(np.int64),
                 file[f"inner_{i}"].astype(np.float64),
-                file[f"inner_ends_{i}"].astype(np.int64),
             )
             for i in range(int(file["count"]))
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -22,12 +23,12 @@ class EnclosedBodies:
     """Finds small obstacles, and links, inside the hollow of a link.
 
     coal sees a triangle mesh as a surface: a cup inside the upper arm touches nothing, nor does a flange that was
-    folded into it. A body that does not touch the surface of a link is inside the link if one of its points is. So a point of
-    each body is looked up in the bounding box of each link, by coal, and where it is inside, its winding number around
-    the link's surface decides (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized
-    winding numbers", 2013). Bodies too large for a link's bounding box are left out from the start; mostly none
-    remain of the obstacles. Of a point cloud each piece that hangs together is an obstacle of its own here, so that
-    clutter measured inside a link counts.
+    folded into it. A body that does not touch the surface of a link is inside the link if one of its points is. So a
+    point of each body is looked up in the bounding box of each link, by coal, and where it is inside, its winding
+    number around the link's surface decides (Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation
+    using generalized winding numbers", 2013). Bodies too large for a link's bounding box are left out from the start;
+    mostly none remain of the obstacles. Of a point cloud each piece that hangs together is an obstacle of its own here,
+    so that clutter measured inside a link counts.
 
     Not thread-safe: each thread has its own (`clone`).
     """
@@ -95,20 +96,26 @@ class EnclosedBodies:
                     boxes[link] = self._add_box(link)
                 self._probes.addCollisionPair(pin.CollisionPair(boxes[link], index))
                 self._pairs.append((link, body))
-        self._create_scratch()
 
-    def _create_scratch(self) -> None:
-        """All that must not be shared between threads."""
-        self._data = self._model.createData()
-        self._probe_data = create_geometry_data(self._probes)
-        self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._probes, self._probe_data)
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self._model.createData()
+
+    @cached_property
+    def _probe_data(self) -> pin.GeometryData:
+        return create_geometry_data(self._probes)
+
+    @cached_property
+    def _broadphase(self) -> pin.BroadPhaseManager_NaiveCollisionManager:
+        return pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._probes, self._probe_data)
 
     def clone(self) -> EnclosedBodies:
         """One of the same robot and obstacles, for another thread."""
         other = object.__new__(EnclosedBodies)
         other.__dict__.update(self.__dict__)
         other._surfaces = dict(self._surfaces)
-        other._create_scratch()
+        for name in ("_data", "_probe_data", "_broadphase"):
+            other.__dict__.pop(name, None)
         return other
 
     @property

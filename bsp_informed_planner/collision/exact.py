@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import coal
 import numpy as np
@@ -71,7 +71,8 @@ class ExactChecker:
             for link in self._moving:
                 if not self._may_touch(link, index):
                     self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
-        self._create_scratch()
+        self._checks = 0
+        self._model = robot.model
         own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
         self._enclosed = EnclosedBodies(
             self._model, self.collision_model, self._moving, self._obstacles, own, self._may_touch
@@ -80,25 +81,33 @@ class ExactChecker:
     def _may_touch(self, link: int, obstacle: int) -> bool:
         return frozenset((self._bodies[link], self._bodies[obstacle])) in self.scene.allowed_collisions
 
-    def _create_scratch(self) -> None:
-        """All that must not be shared between threads."""
-        self._checks = 0
-        self._model = self.robot.model
-        self._data = self._model.createData()
-        self._geometry_data = create_geometry_data(self.collision_model)
-        requests = self._geometry_data.collisionRequests
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self._model.createData()
+
+    @cached_property
+    def _geometry_data(self) -> pin.GeometryData:
+        data = create_geometry_data(self.collision_model)
+        requests = data.collisionRequests
         for pair in range(self._self_pairs, len(requests)):
             requests[pair].security_margin = self.padding
-        # The broadphase reads the margins when it is made.
-        self._broadphase = pin.BroadPhaseManager_NaiveCollisionManager(
-            self._model, self.collision_model, self._geometry_data
-        )
+        return data
+
+    @cached_property
+    def _broadphase(self) -> pin.BroadPhaseManager_NaiveCollisionManager:
+        # It reads the margins when it is made.
+        return pin.BroadPhaseManager_NaiveCollisionManager(self._model, self.collision_model, self._geometry_data)
 
     def clone(self) -> ExactChecker:
-        """One of the same scene and robot, for another thread; its count of checks starts at zero."""
+        """One of the same scene and robot, for another thread; its count of checks starts at zero.
+
+        It takes no time: memory to work in is made at the first check.
+        """
         other = object.__new__(ExactChecker)
         other.__dict__.update(self.__dict__)
-        other._create_scratch()
+        for name in ("_data", "_geometry_data", "_broadphase"):
+            other.__dict__.pop(name, None)
+        other._checks = 0
         other._enclosed = self._enclosed.clone()
         return other
 

@@ -9,6 +9,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     LANES,
     SQUARED,
     STRIDE,
+    SWEPT,
     Chain,
     Indices,
     Lanes,
@@ -141,7 +142,13 @@ def place_joints(chain: Chain, values: Singles, frames: Singles, turning: Single
 
 @kernel(forceinline=True, **FAST)
 def place_sphere(
-    frame: Singles, sphere: Singles, margin: np.float32, slack: np.float32, bend: np.float32, swept: bool, row: Singles
+    frame: Singles,
+    sphere: Singles,
+    margin: np.float32,
+    slack: np.float32,
+    bend: np.float32,
+    mode: np.int64,
+    row: Singles,
 ) -> None:
     """Centre of a sphere, and its squared radius against obstacles, in all lanes.
 
@@ -165,7 +172,7 @@ def place_sphere(
     row[X + LANES] = row[X + LANES - 1] + row[X + LANES - 1] - row[X + LANES - 2]
     row[Y + LANES] = row[Y + LANES - 1] + row[Y + LANES - 1] - row[Y + LANES - 2]
     row[Z + LANES] = row[Z + LANES - 1] + row[Z + LANES - 1] - row[Z + LANES - 2]
-    if swept:
+    if mode & SWEPT:
         # From the frames, not from the row: what was just written as one vector is slow to read as another.
         for k in range(LANES):
             dx = (
@@ -194,14 +201,14 @@ def place_sphere(
 
 
 @kernel(forceinline=True, **FAST)
-def spheres_touch(a: Singles, b: Singles, radii: np.float32, bend: np.float32, swept: bool, open: Lanes) -> np.int32:
+def spheres_touch(a: Singles, b: Singles, radii: np.float32, bend: np.float32, mode: np.int64, open: Lanes) -> np.int32:
     """In how many open lanes two spheres touch, whose radii sum up to `radii`.
 
     If swept, in how many they may in the intervals beside the lane: as `place_sphere` says, for one relative to the
     other. Then `radii` includes the slack of both, and `bend` is the sum of both.
     """
     total = np.int32(0)
-    if swept:
+    if mode & SWEPT:
         for k in range(LANES):
             x, y, z = a[X + k] - b[X + k], a[Y + k] - b[Y + k], a[Z + k] - b[Z + k]
             dx = a[X + k + 1] - b[X + k + 1] - x

@@ -17,7 +17,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     POLYTOPE,
     Obstacles,
 )
-from bsp_informed_planner.collision.obstacle_tree_kernels import clip_boxes, grow_tree
+from bsp_informed_planner.collision.obstacle_tree_kernels import clip_boxes, grow_tree, shrink_parts
 from bsp_informed_planner.errors import InvalidObstacleError
 from bsp_informed_planner.scene.polytopes import convex_parts, hull_polytope
 from bsp_informed_planner.scene.pose import FloatArray, Pose
@@ -42,7 +42,7 @@ _NO_PLANES = np.empty((0, 4))
 _known: WeakKeyDictionary[Obstacle, tuple[Part, ...]] = WeakKeyDictionary()
 
 
-def pack_obstacles(scene: Scene, reach: float) -> Obstacles:
+def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
     """Arrays of a scene's obstacles.
 
     What no point of the robot can come near is left out, and boxes are cut to what it can: the kernels compute in
@@ -51,6 +51,7 @@ def pack_obstacles(scene: Scene, reach: float) -> Obstacles:
     Args:
         scene: in the robot's root frame.
         reach: distance from the origin that no point of the robot and its padding exceeds [m].
+        rounding: error that hits of the cores have to bear [m].
 
     Raises:
         InvalidObstacleError: if a shape of an obstacle has no volume.
@@ -74,9 +75,20 @@ def pack_obstacles(scene: Scene, reach: float) -> Obstacles:
     leaves = order >= 0
     node_kinds = np.full(len(order), -1, dtype=np.int64)
     node_kinds[leaves] = kinds[near][order[leaves]]
-    node_parts = np.zeros((len(order), PART_SIZE), dtype=np.float32)
+    node_parts = np.zeros((len(order), PART_SIZE))
     node_parts[leaves] = numbers[near][order[leaves]]
-    return Obstacles(boxes.astype(np.float32), ends, node_kinds, node_parts, np.concatenate(planes).astype(np.float32))
+    cores = node_parts.copy()
+    shrink_parts(node_kinds, cores, rounding, 1e3 * reach)
+    all_planes = np.concatenate(planes)
+    return Obstacles(
+        boxes.astype(np.float32),
+        ends,
+        node_kinds,
+        node_parts.astype(np.float32),
+        all_planes.astype(np.float32),
+        cores.astype(np.float32),
+        (all_planes - [0.0, 0.0, 0.0, rounding]).astype(np.float32),
+    )
 
 
 def _parts_of(obstacle: Obstacle) -> tuple[Part, ...]:

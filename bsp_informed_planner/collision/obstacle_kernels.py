@@ -23,6 +23,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     HALF_SPACE,
     LANES,
     SQUARED,
+    SURELY,
     Lanes,
     Singles,
     X,
@@ -66,7 +67,7 @@ def near_ball(row: Singles, part: Singles, first: int, open: Lanes) -> np.int32:
     total = np.int32(0)
     for k in range(LANES):
         dx, dy, dz = row[X + k] - cx, row[Y + k] - cy, row[Z + k] - cz
-        reach = np.sqrt(row[SQUARED + k]) + radius
+        reach = max(np.sqrt(row[SQUARED + k]) + radius, ZERO)
         total += np.int32(dx * dx + dy * dy + dz * dz < reach * reach) & open[k]
     return total
 
@@ -117,12 +118,12 @@ def near_half_space(row: Singles, part: Singles, open: Lanes) -> np.int32:
 
 
 @kernel(**FAST)
-def near_polytope(row: Singles, part: Singles, planes: Singles, surely: bool, open: Lanes, hits: Lanes) -> np.int32:
+def near_polytope(row: Singles, part: Singles, planes: Singles, mode: np.int64, open: Lanes, hits: Lanes) -> np.int32:
     """Lanes in which no plane is clear of the sphere: distances from planes are lower bounds of the distance.
 
-    `surely`: lanes in which it touches for certain: its centre is inside of all planes, or it meets the ball inside.
+    SURELY: lanes in which it touches for certain: its centre is inside of all planes, or it meets the ball inside.
     """
-    if surely:
+    if mode & SURELY:
         touched = near_ball(row, part, 2, open)
         if touched > 0:
             return touched
@@ -131,7 +132,7 @@ def near_polytope(row: Singles, part: Singles, planes: Singles, surely: bool, op
     total = np.int32(LANES)
     for p in range(np.int64(part[0]), np.int64(part[1])):
         nx, ny, nz, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
-        if surely:
+        if mode & SURELY:
             for k in range(LANES):
                 hits[k] &= np.int32(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz < offset)
         else:
@@ -148,9 +149,9 @@ def near_polytope(row: Singles, part: Singles, planes: Singles, surely: bool, op
 
 @kernel(**FAST)
 def near_part(
-    row: Singles, kind: int, part: Singles, planes: Singles, surely: bool, open: Lanes, hits: Lanes
+    row: Singles, kind: int, part: Singles, planes: Singles, mode: np.int64, open: Lanes, hits: Lanes
 ) -> np.int32:
-    """In how many open lanes a sphere touches a part. `surely`: all these are certain; else all others are clear."""
+    """In how many open lanes a sphere touches a part. SURELY: these are certain; else all others are clear."""
     if kind == BOX:
         return near_box(row, part, open)
     if kind == BALL:
@@ -161,4 +162,4 @@ def near_part(
         return near_cone(row, part, open)
     if kind == HALF_SPACE:
         return near_half_space(row, part, open)
-    return near_polytope(row, part, planes, surely, open, hits)
+    return near_polytope(row, part, planes, mode, open, hits)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.check_arrays_kernels import BOX
+from bsp_informed_planner.collision.check_arrays_kernels import BALL, BOX, CONE, CYLINDER, HALF_SPACE, POLYTOPE
 from bsp_informed_planner.compiled import kernel
 
 Floats = NDArray[np.float64]
@@ -45,6 +47,40 @@ def clip_boxes(kinds: Indices, parts: Floats, lower: Floats, upper: Floats, reac
                 lower[i, k] = -reach
             if upper[i, k] > reach and lower[i, k] <= reach:
                 upper[i, k] = reach
+
+
+@kernel
+def shrink_parts(kinds: Indices, parts: Floats, by: float, nowhere: float) -> None:
+    """Turns parts into cores, in place: all points within `by` of a core lie in the part [m].
+
+    What is thinner has no core: that of a box or cylinder has negative sizes, which stand for bodies that are that much
+    further away; others go to a place `nowhere` near. Planes of polytopes are not touched.
+    """
+    for i in range(kinds.shape[0]):
+        part, kind = parts[i], kinds[i]
+        if kind == BOX:
+            part[3:6] -= by
+        elif kind == BALL:
+            part[3] -= by
+        elif kind == CYLINDER:
+            part[6:8] -= by
+        elif kind == CONE:
+            # A cone that is smaller by the same everywhere is similar, about the centre of the largest ball inside.
+            radius, height = part[6], 2.0 * part[7]
+            inside = radius * height / (radius + math.hypot(radius, height))
+            scale = 1.0 - by / inside
+            if scale > 1e-3:
+                shift = (1.0 - scale) * (inside - part[7])
+                part[0:3] += shift * part[3:6]
+                part[6:8] *= scale
+            else:
+                part[0] = nowhere
+        elif kind == HALF_SPACE:
+            part[3] += by
+        elif kind == POLYTOPE:
+            part[5] -= by
+            if part[5] < 0.0:
+                part[2], part[5] = nowhere, 0.0
 
 
 @kernel

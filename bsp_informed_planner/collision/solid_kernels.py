@@ -334,8 +334,9 @@ def is_outermost(triangles: Floats, offset: float) -> NDArray[np.bool_]:
 def medial_balls(points: Floats, triangles: Floats, tolerance: float) -> Floats:
     """The largest balls inside a solid that touch its surface where it is nearest to given inner points.
 
-    From the surface's nearest point through the inner point, the centre is pushed on for as long as the surface stays no
-    nearer (cf. Ma, Bae, Choi, "3D medial axis point approximation using nearest neighbors and the normal field", 2012).
+    From the surface's nearest point through the inner point, the centre is pushed on for as long as the surface stays
+    no nearer (cf. Ma, Bae, Choi, "3D medial axis point approximation using nearest neighbors and the normal field",
+    2012).
 
     Returns:
         (k, 4) centres and distances from the surface [m].

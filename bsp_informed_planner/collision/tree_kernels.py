@@ -7,6 +7,8 @@ import numpy as np
 from bsp_informed_planner.collision.check_arrays_kernels import (
     ENCLOSING,
     LANES,
+    STOP,
+    SURELY,
     Indices,
     Lanes,
     Obstacles,
@@ -15,11 +17,11 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     Singles,
     SphereTree,
 )
-from bsp_informed_planner.collision.lane_kernels import FAST, place_sphere, spheres_touch
+from bsp_informed_planner.collision.lane_kernels import FAST, ZERO, place_sphere, spheres_touch
 from bsp_informed_planner.collision.obstacle_kernels import near_bounds, near_part
 from bsp_informed_planner.compiled import kernel
 
-# Room that the stack keeps for the children of a node; a fuller one counts as a hit (`surely`: as none).
+# Room that the stack keeps for the children of a node; a fuller one counts as a hit (SURELY: as none).
 STACK_RESERVE = 512
 
 
@@ -53,12 +55,10 @@ def group_near_obstacles(
     scratch: Scratch,
     rows: Singles,
     ages: Indices,
-    swept: bool,
-    surely: bool,
-    stop: bool,
+    mode: np.int64,
 ) -> bool:
-    """Closes the lanes in which a sphere of a group hits an obstacle. True ends all tests: `stop`, or no open lanes."""
-    stack, open, hits = scratch.stack, scratch.open, scratch.hits
+    """Closes the lanes in which a sphere of a group hits an obstacle. True ends all tests: STOP, or no open lanes."""
+    stack, lanes, hits = scratch.stack, scratch.open, scratch.hits
     frame = scratch.frames[robot.joints[group]]
     slack, bend, now = scratch.slack[group], scratch.bend[group], scratch.clock[0]
     stack[0, 0], stack[0, 1] = tree.roots[group], 0
@@ -69,12 +69,12 @@ def group_near_obstacles(
         row = rows[node]
         if ages[node] != now:
             ages[node] = now
-            place_sphere(frame, tree.spheres[node], margin, slack, bend, swept, row)
+            place_sphere(frame, tree.spheres[node], margin, slack, bend, mode, row)
         leaf = tree.ends[node] == node + 1
         kind = obstacles.kinds[body]
         box = obstacles.boxes[body]
         if kind == ENCLOSING:
-            if near_bounds(row, box, open) == 0:
+            if near_bounds(row, box, lanes) == 0:
                 continue
             size = max(box[3] - box[0], box[4] - box[1], box[5] - box[2])
             if leaf or size > tree.spheres[node, 3]:
@@ -83,23 +83,25 @@ def group_near_obstacles(
                 height = push_children(stack, height, tree.ends, node, body, True)
         else:
             part, planes = obstacles.parts[body], obstacles.planes
-            if near_part(row, kind, part, planes, surely and leaf, open, hits) == 0:
+            if mode & SURELY:
+                part, planes = obstacles.cores[body], obstacles.core_planes
+            if near_part(row, kind, part, planes, mode if leaf else np.int64(0), lanes, hits) == 0:
                 continue
             if leaf:
-                if stop:
+                if mode & STOP:
                     return True
                 for k in range(LANES):
-                    if open[k] == 1 and near_part(row, kind, part, planes, surely, scratch.lane[k], hits) > 0:
-                        open[k] = 0
-                if count_open(open) == 0:
+                    if lanes[k] == 1 and near_part(row, kind, part, planes, mode, scratch.lane[k], hits) > 0:
+                        lanes[k] = 0
+                if count_open(lanes) == 0:
                     return True
             else:
                 height = push_children(stack, height, tree.ends, node, body, True)
         if height > stack.shape[0] - STACK_RESERVE:
-            if surely:
+            if mode & SURELY:
                 return False
             for k in range(LANES):
-                open[k] = 0
+                lanes[k] = 0
             return True
     return False
 
@@ -114,12 +116,10 @@ def groups_touch(
     scratch: Scratch,
     rows: Singles,
     ages: Indices,
-    swept: bool,
-    surely: bool,
-    stop: bool,
+    mode: np.int64,
 ) -> bool:
     """Closes the lanes in which spheres of two groups hit each other; see `group_near_obstacles`."""
-    stack, open = scratch.stack, scratch.open
+    stack, lanes = scratch.stack, scratch.open
     frame_a, frame_b = scratch.frames[robot.joints[first]], scratch.frames[robot.joints[second]]
     slack_a, slack_b = scratch.slack[first], scratch.slack[second]
     bend_a, bend_b = scratch.bend[first], scratch.bend[second]
@@ -132,32 +132,32 @@ def groups_touch(
         row_a, row_b = rows[a], rows[b]
         if ages[a] != now:
             ages[a] = now
-            place_sphere(frame_a, tree.spheres[a], margin, slack_a, bend_a, swept, row_a)
+            place_sphere(frame_a, tree.spheres[a], margin, slack_a, bend_a, mode, row_a)
         if ages[b] != now:
             ages[b] = now
-            place_sphere(frame_b, tree.spheres[b], margin, slack_b, bend_b, swept, row_b)
+            place_sphere(frame_b, tree.spheres[b], margin, slack_b, bend_b, mode, row_b)
         radius_a, radius_b = tree.spheres[a, 3], tree.spheres[b, 3]
-        radii = radius_a + radius_b + slack_a + slack_b
-        if spheres_touch(row_a, row_b, radii, bend_a + bend_b, swept, open) == 0:
+        radii = max(radius_a + radius_b, ZERO) + slack_a + slack_b
+        if spheres_touch(row_a, row_b, radii, bend_a + bend_b, mode, lanes) == 0:
             continue
         leaf_a, leaf_b = tree.ends[a] == a + 1, tree.ends[b] == b + 1
         if leaf_a and leaf_b:
-            if stop:
+            if mode & STOP:
                 return True
             for k in range(LANES):
-                if open[k] == 1 and spheres_touch(row_a, row_b, radii, bend_a + bend_b, swept, scratch.lane[k]) > 0:
-                    open[k] = 0
-            if count_open(open) == 0:
+                if lanes[k] == 1 and spheres_touch(row_a, row_b, radii, bend_a + bend_b, mode, scratch.lane[k]) > 0:
+                    lanes[k] = 0
+            if count_open(lanes) == 0:
                 return True
         elif leaf_b or (not leaf_a and radius_a >= radius_b):
             height = push_children(stack, height, tree.ends, a, b, True)
         else:
             height = push_children(stack, height, tree.ends, b, a, False)
         if height > stack.shape[0] - STACK_RESERVE:
-            if surely:
+            if mode & SURELY:
                 return False
             for k in range(LANES):
-                open[k] = 0
+                lanes[k] = 0
             return True
     return False
 
@@ -171,9 +171,7 @@ def close_hit_lanes(
     scratch: Scratch,
     rows: Singles,
     ages: Indices,
-    swept: bool,
-    surely: bool,
-    stop: bool,
+    mode: np.int64,
 ) -> bool:
     """Looks at all groups of the placed robot, and closes the open lanes in which a sphere of `tree` hits something.
 
@@ -184,9 +182,7 @@ def close_hit_lanes(
         margin: added to radii against obstacles [m].
         scratch: its open lanes are looked at; slack and bend matter if swept.
         rows, ages: of the tree, in the scratch memory.
-        swept: whether lanes are neighbours along an edge, and the intervals between them are looked at, too.
-        surely: whether hits must be certain (inner spheres), or their absence (outer spheres).
-        stop: whether the first hit ends the search.
+        mode: sum of SWEPT, SURELY and STOP.
 
     Returns:
         whether any lane was closed.
@@ -197,16 +193,14 @@ def close_hit_lanes(
     if obstacles.kinds.shape[0] > 0:
         for group in range(robot.joints.shape[0]):
             if robot.exposed[group] == 1 and tree.roots[group] < tree.roots[group + 1]:
-                ended = group_near_obstacles(
-                    group, robot, tree, obstacles, margin, scratch, rows, ages, swept, surely, stop
-                )
+                ended = group_near_obstacles(group, robot, tree, obstacles, margin, scratch, rows, ages, mode)
                 if ended:
                     break
     if not ended:
         for p in range(robot.pairs.shape[0]):
             a, b = robot.pairs[p, 0], robot.pairs[p, 1]
             if tree.roots[a] < tree.roots[a + 1] and tree.roots[b] < tree.roots[b + 1]:
-                ended = groups_touch(a, b, robot, tree, margin, scratch, rows, ages, swept, surely, stop)
+                ended = groups_touch(a, b, robot, tree, margin, scratch, rows, ages, mode)
                 if ended:
                     break
     return ended or bool(count_open(scratch.open) < before)

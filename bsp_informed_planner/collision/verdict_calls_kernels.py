@@ -30,10 +30,12 @@ class Judgement(NamedTuple):
     Attributes:
         address: of the verdicts' machine code.
         checks: the stored `Checks`, whose arrays somebody else keeps alive.
+        sure_hits: 0: bodies may touch that the checks do not know of, so hits are undecided.
     """
 
     address: int
     checks: NDArray[np.uint8]
+    sure_hits: int
 
 
 def _empty_checks() -> Checks:
@@ -68,7 +70,18 @@ def _empty_checks() -> Checks:
         stack=pairs,
         intervals=np.zeros((0, 2)),
     )
-    return Checks(robot, Obstacles(table, indices, indices, table, table), 0.0, 0.0, 0.0, np.zeros(0), scratch)
+    obstacles = Obstacles(
+        boxes=table, ends=indices, kinds=indices, parts=table, planes=table, cores=table, core_planes=table
+    )
+    return Checks(
+        robot=robot,
+        obstacles=obstacles,
+        outer_margin=0.0,
+        inner_margin=0.0,
+        finest=0.0,
+        motion=np.zeros(0),
+        scratch=scratch,
+    )
 
 
 _load = loader(type_of(_empty_checks()))
@@ -103,23 +116,30 @@ def _stored(checks: Checks) -> NDArray[np.uint8]:
     return buffer
 
 
-def judgement(checks: Checks) -> Judgement:
+def judgement(checks: Checks, sure_hits: bool = True) -> Judgement:
     """Verdicts of these checks. The caller keeps the checks as long as the result."""
-    return Judgement(_VERDICT.address, _stored(checks))
+    return Judgement(_VERDICT.address, _stored(checks), 1 if sure_hits else 0)
+
+
+@kernel
+def _read(found: int, judge: Judgement) -> int:
+    if found == 0:
+        return UNDECIDED
+    verdict = (found - 1) % _KINDS
+    return UNDECIDED if verdict == COLLIDING and judge.sure_hits == 0 else verdict
 
 
 @kernel
 def edge_verdict(start: Floats, end: Floats, judge: Judgement) -> int:
     """See `verdict_kernels.edge_verdict`."""
-    verdict = call(judge.address, start, end, _KINDS * start.shape[0] + _EDGE, judge.checks) - 1
-    return verdict if verdict >= 0 else UNDECIDED
+    return _read(call(judge.address, start, end, _KINDS * start.shape[0] + _EDGE, judge.checks), judge)
 
 
 @kernel
 def state_verdict(configuration: Floats, judge: Judgement) -> int:
     """See `verdict_kernels.state_verdict`."""
-    verdict = call(judge.address, configuration, configuration, _KINDS * configuration.shape[0] + _STATE, judge.checks)
-    return verdict - 1 if verdict > 0 else UNDECIDED
+    number = _KINDS * configuration.shape[0] + _STATE
+    return _read(call(judge.address, configuration, configuration, number, judge.checks), judge)
 
 
 @kernel
@@ -135,6 +155,6 @@ def examined_edge(start: Floats, rows: Floats, judge: Judgement) -> tuple[int, i
         the verdict, and how many intervals there are; -1 for the edge as a whole.
     """
     found = call(judge.address, start, rows, _KINDS * start.shape[0] + _PARTS, judge.checks)
-    if found == 0:
+    if found == 0 or ((found - 1) % _KINDS == COLLIDING and judge.sure_hits == 0):
         return UNDECIDED, -1
     return (found - 1) % _KINDS, (found - 1) // _KINDS

@@ -9,11 +9,9 @@ Source of the enlarged radii and of the bound of accelerations: see `place_spher
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import LANES, Checks, Indices
+from bsp_informed_planner.collision.check_arrays_kernels import LANES, STOP, SURELY, SWEPT, Checks, Indices
 from bsp_informed_planner.collision.lane_kernels import bound_accelerations, place_joints, reduced_half
 from bsp_informed_planner.collision.tree_kernels import close_hit_lanes
 from bsp_informed_planner.compiled import kernel
@@ -24,8 +22,6 @@ FREE, COLLIDING, UNDECIDED = 0, 1, 2
 
 #: Intervals of an edge that are looked at together.
 INTERVALS = LANES - 1
-# Typed: numba compiles a function once more for each literal argument.
-_YES, _NO = cast(bool, np.bool_(True)), cast(bool, np.bool_(False))
 # No more sets of intervals of an edge are looked at; what is left is undecided.
 MOST_SETS = 48
 # An edge begins with sets of intervals in which no point moves further than this, if need be several [m].
@@ -36,7 +32,7 @@ LONGEST_INTERVAL = 0.1
 def is_finite(configuration: Floats) -> bool:
     finite = True
     for value in configuration:
-        finite = finite and np.isfinite(value)
+        finite &= bool(np.isfinite(value))
     return finite
 
 
@@ -56,9 +52,12 @@ def place_robot(start: Floats, step: Floats, begin: float, spacing: float, check
     place_joints(chain, values, checks.scratch.frames, checks.scratch.turning)
 
 
-@kernel
-def hits_outer(checks: Checks, swept: bool, stop: bool) -> bool:
-    """`close_hit_lanes` with the outer spheres."""
+# Inlined, since a function of its own would be one more copy of all that it calls to compile.
+
+
+@kernel(inline="always")
+def hits_outer(checks: Checks, mode: np.int64) -> bool:
+    """`close_hit_lanes` with the outer spheres; mode: sum of SWEPT and STOP."""
     scratch = checks.scratch
     return close_hit_lanes(
         checks.robot,
@@ -68,15 +67,13 @@ def hits_outer(checks: Checks, swept: bool, stop: bool) -> bool:
         scratch,
         scratch.outer,
         scratch.outer_ages,
-        swept,
-        _NO,
-        stop,
+        mode,
     )
 
 
-@kernel
-def hits_inner(checks: Checks, stop: bool) -> bool:
-    """`close_hit_lanes` with the inner spheres."""
+@kernel(inline="always")
+def hits_inner(checks: Checks, mode: np.int64) -> bool:
+    """`close_hit_lanes` with the inner spheres; mode: STOP or 0."""
     scratch = checks.scratch
     scratch.slack[:] = np.float32(0.0)
     return close_hit_lanes(
@@ -87,9 +84,7 @@ def hits_inner(checks: Checks, stop: bool) -> bool:
         scratch,
         scratch.inner,
         scratch.inner_ages,
-        _NO,
-        _YES,
-        stop,
+        np.int64(SURELY) | mode,
     )
 
 
@@ -102,10 +97,10 @@ def state_verdict(configuration: Floats, checks: Checks) -> int:
     place_robot(configuration, configuration, 0.0, 0.0, checks)
     scratch.open[:] = 1
     scratch.slack[:] = np.float32(0.0)
-    if not hits_outer(checks, _NO, _YES):
+    if not hits_outer(checks, np.int64(STOP)):
         return FREE
     scratch.open[:] = 1
-    if hits_inner(checks, _YES):
+    if hits_inner(checks, np.int64(STOP)):
         return COLLIDING
     return UNDECIDED
 
@@ -133,14 +128,14 @@ def state_verdicts(configurations: Floats, checks: Checks, verdicts: Indices) ->
         place_joints(chain, scratch.values, scratch.frames, scratch.turning)
         scratch.slack[:] = np.float32(0.0)
         asked = scratch.open.copy()
-        hit = hits_outer(checks, _NO, _NO)
+        hit = hits_outer(checks, np.int64(0))
         for k in range(lanes):
             if asked[k] == 1 and scratch.open[k] == 1:
                 verdicts[begin + k] = FREE
             scratch.open[k] = asked[k] & (1 - scratch.open[k])
         if hit:
             asked[:] = scratch.open
-            hits_inner(checks, _NO)
+            hits_inner(checks, np.int64(0))
             for k in range(lanes):
                 if asked[k] == 1 and scratch.open[k] == 0:
                     verdicts[begin + k] = COLLIDING
@@ -204,22 +199,22 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tu
         if undecided and left.shape[0] == 0:
             # The edge is not free for certain, but it may still be in collision for certain.
             scratch.open[:] = 1
-            if hits_inner(checks, _YES):
+            if hits_inner(checks, np.int64(STOP)):
                 return COLLIDING, 0
             continue
         for group in range(robot.joints.shape[0]):
             scratch.bend[group] = scratch.accelerations[group] * np.float32(spacing * spacing)
             scratch.slack[group] = scratch.bend[group] * np.float32(0.125)
         scratch.open[:] = 1
-        if not hits_outer(checks, _YES, _NO):
+        if not hits_outer(checks, np.int64(SWEPT)):
             continue
         failed = 1 - scratch.open
         scratch.open[:] = 1
-        if hits_inner(checks, _YES):
+        if hits_inner(checks, np.int64(STOP)):
             return COLLIDING, 0
         # States that the spheres hit as they are: halving will not help there.
         scratch.open[:] = failed
-        hits_outer(checks, _NO, _NO)
+        hits_outer(checks, np.int64(0))
         stuck = failed & (1 - scratch.open)
         halve = motion * spacing > checks.finest
         k = 0

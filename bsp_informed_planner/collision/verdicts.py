@@ -23,14 +23,15 @@ class Verdicts:
 
     Args:
         checks: of robot, scene and padding.
+        sure_hits: False: some bodies may touch that the checks do not know of, so nothing is called COLLIDING.
 
     Attributes:
         judgement: the same for kernels, valid as long as this lives.
     """
 
-    def __init__(self, checks: Checks) -> None:
+    def __init__(self, checks: Checks, sure_hits: bool = True) -> None:
         self._checks = checks
-        self.judgement = judgement(checks)
+        self.judgement = judgement(checks, sure_hits)
 
     def of_state(self, configuration: Floats) -> int:
         """The verdict on a configuration (n,), contiguous."""

@@ -124,11 +124,11 @@ class Planner:
         InvalidOptionError: if the decomposition is of another scene, or of another dimension than the robot's.
         SceneError: if a shape of an obstacle has no volume.
 
-    Example:
-        >>> from bsp_informed_planner.robots.demo_arms import ur5                          # doctest: +SKIP
-        >>> planner = Planner(ur5(), load_scene("shelf.yaml"))                             # doctest: +SKIP
-        >>> result = planner.plan(PlanningProblem(start, [JointGoal(goal)]))               # doctest: +SKIP
-        >>> result.trajectory.positions                                                   # doctest: +SKIP
+    Examples:
+        >>> from bsp_informed_planner.robots.demo_arms import ur5  # doctest: +SKIP
+        >>> planner = Planner(ur5(), load_scene("shelf.yaml"))  # doctest: +SKIP
+        >>> result = planner.plan(PlanningProblem(start, [JointGoal(goal)]))  # doctest: +SKIP
+        >>> result.trajectory.positions  # doctest: +SKIP
     """
 
     def __init__(
@@ -320,7 +320,8 @@ class Planner:
             path = self._ompl_path(plan)
             used = fitting()
         else:
-            path = search.run(list(plan.judges), plan.start, plan.goals, fitting)
+            known = isinstance(guidance, Guidance)
+            path = search.run(list(plan.judges), plan.start, plan.goals, fitting() if known else fitting)
             used = search.guidance or self._unused(options)
         if path is None:
             if budget.samples_left <= 0:
@@ -361,6 +362,11 @@ class Planner:
         if deviation is None:
             deviation = default_blend_deviation(self.robot)
         fallback: tuple[Trajectory, Verdict] | None = None
+
+        def not_cancelled() -> bool:
+            plan.budget.check_cancelled()
+            return True
+
         for allowed in (deviation, deviation / 4.0, deviation / 16.0, 0.0):
             plan.budget.check_cancelled()
             trajectory = time_path(
@@ -370,7 +376,7 @@ class Planner:
                 deviation=allowed,
                 time_step=options.time_step,
             )
-            verdict = judge.verdict(trajectory.positions)
+            verdict = judge.verdict(trajectory.positions, not_cancelled)
             if verdict is Verdict.CERTIFIED:
                 return trajectory, verdict
             if verdict is Verdict.CHECKED and fallback is None:

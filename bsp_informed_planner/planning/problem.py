@@ -15,7 +15,11 @@ from bsp_informed_planner.scene.pose import FloatArray, Pose
 
 @dataclass(frozen=True, eq=False)
 class JointGoal:
-    """A goal configuration, taken to the letter: a full turn away is another goal. `configuration`: (n,)."""
+    """A goal configuration, taken to the letter, but for whole turns of continuous joints: those are the same goal.
+
+    Attributes:
+        configuration: (n,) [rad or m].
+    """
 
     configuration: FloatArray
 
@@ -72,7 +76,7 @@ class PlanOptions:
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
             same for the same seed, on any machine: "rrt_connect", or with `first_solution` or `max_samples`.
-        max_step: longest edge of a tree, eta; None: 3 % of the diagonal of the joint limits, or OMPL's own choice for
+        max_step: longest edge of a tree, eta; None: 5 % of the diagonal of the joint limits, or OMPL's own choice for
             "ompl_rrt_star" and "ompl_informed_rrt_star" [rad or m]. "ompl_bit_star" has none.
         search_resolution: where a planner searches with discrete checks (OMPL's), no point of the robot moves further
             than this between two of them [m]; None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only

@@ -25,6 +25,10 @@ logger = logging.getLogger(__name__)
 SAME_STATE = 1e-6
 
 
+#: Longest edge of a tree by default, as a share of the diagonal of the joint limits.
+DEFAULT_STEP = 0.05
+
+
 @dataclass(frozen=True)
 class Progress:
     """What a search is doing.
@@ -92,7 +96,7 @@ class Search:
         weights = np.ones(robot.dof) if options.cost_weights is None else np.array(options.cost_weights, dtype=float)
         self.incumbent = Incumbent(lambda: budget.elapsed, weights)
         diagonal = float(np.linalg.norm((robot.upper - robot.lower) * weights))
-        self.max_step = options.max_step or 0.03 * diagonal
+        self.max_step = options.max_step or DEFAULT_STEP * diagonal
         default = default_search_resolution(robot)
         self.search_resolution = options.search_resolution or default
         self.verification_resolution = options.verification_resolution or default / 96.0
@@ -146,6 +150,8 @@ class Search:
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
+        if isinstance(guidance, Guidance):
+            self._guidance = guidance
         self.report("searching")
         nearest = goals[int(np.argmin(np.linalg.norm(goals - start, axis=1)))]
         if np.abs(nearest - start).max() < SAME_STATE:

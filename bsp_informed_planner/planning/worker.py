@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
+from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
@@ -25,7 +26,7 @@ from bsp_informed_planner.scene.pose import FloatArray
 #: Goals that a straight edge is tried to, the nearest ones.
 STRAIGHT = 4
 #: Uniform search before guidance is asked for.
-HEAD_START = 200
+HEAD_START = 300
 #: Search with guidance before edges that the bounds leave open are looked at everywhere.
 GUIDED = 400
 #: Search with questions about such edges before it begins anew.
@@ -114,8 +115,8 @@ class Worker:
 
         A straight line; then trees on uniform samples, which solve most problems in the time that guidance takes; then
         the same trees, seeded and on samples of the guidance. Edges that the bounds leave open count as blocked so
-        far, but for those that leave an undecided start or goal. At last they are looked at too, and the search begins
-        anew now and then, with growing patience.
+        far, unless the start or all goals are undecided. At last they are looked at too, and the search begins anew now
+        and then, with growing patience.
 
         Args:
             guidance: makes it, or returns what has been made.
@@ -128,9 +129,12 @@ class Worker:
         trees, budget = self._trees, self._budget
 
         def grow(source: SampleSource, ask: int, effort: int) -> FloatArray | None:
-            return trees.solve(source, budget, ask=ask, judge=self._last.is_edge_free, effort=effort, is_over=is_over)
+            return trees.solve(source, budget, ask=ask, judge=self._passes, effort=effort, is_over=is_over)
 
-        path = grow(self._uniform, ASK_UNSURE, HEAD_START)
+        # Where an end is undecided, so are mostly the states around it.
+        closed_in = self._unsure[0] or self._unsure[1:].all()
+        ask = ASK_ALL if closed_in else ASK_UNSURE
+        path = grow(self._uniform, ask, HEAD_START)
         chains: list[FloatArray] = []
         if path is None and not budget.is_spent() and not is_over():
             path = self._straight(ask=1)
@@ -139,7 +143,7 @@ class Worker:
             chains = [chain.configurations for chain in found.chains]
             self.take(found)
             trees.seed(chains)
-            path = grow(self._mixture, ASK_UNSURE, GUIDED)
+            path = grow(self._mixture, ask, GUIDED)
         if path is None and not budget.is_spent() and not is_over():
             path = grow(self._mixture, ASK_ALL, ASKING)
         effort = ASKING
@@ -167,10 +171,15 @@ class Worker:
             free = code == FREE
             if code == UNDECIDED and ask > 0:
                 ask -= 1
-                free = self._last.is_edge_free(start, goal)
+                free = self._passes(start, goal)
             if free:
                 return np.array((start, goal))
         return None
+
+    def _passes(self, start: FloatArray, end: FloatArray) -> bool:
+        """Whether the last check lets an edge pass, which it leaves in time."""
+        verdict = self._last.certify(start, end, lambda: not self._budget.is_out_of_time())
+        return verdict is not Verdict.COLLIDING
 
     def _restart(self, trees: RrtConnect) -> None:
         self._finished_nodes += trees.nodes
@@ -205,17 +214,19 @@ class Worker:
         star.insert_path(self._incumbent.path)
         patience = PATIENCE * self._effort
         while not self._budget.is_spent() and not self._is_optimal():
+            met = False
             for _ in range(RESTARTS):
                 self._restart(trees)
                 trees.seed(chains)
                 chains = []
-                found = trees.solve(
-                    self._mixture, self._budget, ask=ASK_UNSURE, judge=self._last.is_edge_free, effort=patience
-                )
+                found = trees.solve(self._mixture, self._budget, ask=ASK_UNSURE, judge=self._passes, effort=patience)
                 if found is not None:
+                    met = True
                     self._offer(self.shortened(found), on_better)
                 if self._budget.is_spent():
                     return
+            # Where shorter paths are hard to find, longer searches may.
+            patience = patience if met else 2 * patience
             self._offer(self.shortened(self._incumbent.path), on_better)
             if self._incumbent.cost < star.best_cost:
                 star.insert_path(self._incumbent.path)
@@ -225,7 +236,8 @@ class Worker:
             elif star.best_cost < self._incumbent.cost:
                 best = star.best_path()
                 assert best is not None
-                self._offer(best, on_better)
+                # One attempt: what counts is that needless waypoints go.
+                self._offer(self.shortened(best, 1), on_better)
         self._finished_nodes += star.nodes
 
     def _offer(self, path: FloatArray, on_better: Callable[[], None]) -> None:
@@ -253,7 +265,7 @@ class Worker:
         )
         ask, effort = ASK_UNSURE, GUIDED
         while not self._budget.is_spent():
-            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._last.is_edge_free, effort=effort)
+            path = tree.solve(self._mixture, self._budget, ask=ask, judge=self._passes, effort=effort)
             if path is None:
                 # Without a path so far, one may need edges that the bounds leave open.
                 ask, effort = (ask, effort) if tree.best_cost < np.inf else (ASK_ALL, 2 * effort)

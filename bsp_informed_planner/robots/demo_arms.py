@@ -67,6 +67,30 @@ def panda() -> ArmRobot:
     )
 
 
+def tiago() -> ArmRobot:
+    """PAL Tiago without a hand: a torso that lifts and an arm of 7 joints, on a base and with a head that stand still.
+
+    Root frame "base_footprint", tool frame "wrist_ft_tool_link". Pairs of links that always touch are disabled.
+
+    Raises:
+        RobotDescriptionError: if example-robot-data is not installed.
+    """
+    share = example_robot_data()
+    always = (
+        ("torso_fixed_column_link", "torso_lift_link"),
+        ("arm_6_link", "arm_tool_link"),
+        ("arm_6_link", "wrist_ft_link"),
+    )
+    pairs = "".join(f'<disable_collisions link1="{a}" link2="{b}" reason="Default"/>' for a, b in always)
+    return load_arm(
+        share / _PACKAGE / "robots" / "tiago_description" / "robots" / "tiago_no_hand.urdf",
+        f'<robot name="tiago">{pairs}</robot>',
+        package_dirs=[share],
+        tool_frame="wrist_ft_tool_link",
+        locked_joints=dict.fromkeys(("wheel_left_joint", "wheel_right_joint", "head_1_joint", "head_2_joint"), 0.0),
+    )
+
+
 def _universal_robot(urdf: str) -> ArmRobot:
     share = example_robot_data()
     folder = share / _PACKAGE / "robots" / "ur_description"

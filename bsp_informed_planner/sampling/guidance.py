@@ -50,7 +50,7 @@ class Guidance:
 
 @dataclass(frozen=True)
 class KeypointGuideOptions:
-    """How keypoints are lifted to configurations (DESIGN: "Keypoints of an arm").
+    """How keypoints are lifted to configurations.
 
     Attributes:
         tilts: angles by which the tool is tilted about both of its lateral axes [rad].

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bsp_informed_planner.collision.checker import CollisionChecker
-from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError
+from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError, ModelUnavailableError
 from bsp_informed_planner.networks.registry import Model
 from bsp_informed_planner.sampling.cvae_sampler import cvae_sampler
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
@@ -154,6 +154,32 @@ class LearnedGuide:
         return cvae_sampler(self._sampler, scene, view, pairs, robot.lower, robot.upper)
 
 
+class GuideWithoutModel:
+    """Exact keypoints for a robot that no model was trained for, with that as the reason.
+
+    Args:
+        setting: robot and scene.
+        reason: a sentence.
+    """
+
+    def __init__(self, setting: GuideSetting, reason: str) -> None:
+        self._setting = setting
+        self._reason = reason
+
+    def guide(
+        self,
+        start: FloatArray,
+        goals: FloatArray,
+        checker: CollisionChecker,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> Guidance:
+        """See `Guide`."""
+        setting = self._setting
+        exact = ExactKeypointGuide(setting.robot, setting.decomposition(), setting.options)
+        guidance = exact.guide(start, goals, checker, should_stop)
+        return replace(guidance, sampler_id=SAMPLER_ID, fallback_reason=f"exact keypoints: {self._reason}")
+
+
 class ShortestPathGuide:
     """Samples of whole paths without keypoints (Ichter, Harrison and Pavone, 2018): the paper's baseline.
 
@@ -198,14 +224,23 @@ def best_free_chain(
     return None
 
 
-def learned_guide(setting: GuideSetting) -> LearnedGuide:
+def learned_guide(setting: GuideSetting) -> LearnedGuide | GuideWithoutModel:
     """The guide of the sampler id "learned", with the models for the setting's robot.
 
+    Without a model of keypoints, keypoints are exact; without one of samplers, these are Gaussian tubes.
+
     Raises:
-        ModelUnavailableError: if there is no keypoint model for it, or no sampler.
+        ModelError: if a model is damaged.
     """
-    keypoints = find_model(setting.robot, KEYPOINT_KINDS, setting.models)
-    return LearnedGuide(setting, keypoints, find_model(setting.robot, SAMPLER_KINDS, setting.models))
+    try:
+        keypoints = find_model(setting.robot, KEYPOINT_KINDS, setting.models)
+    except ModelUnavailableError as error:
+        return GuideWithoutModel(setting, str(error))
+    try:
+        sampler = find_model(setting.robot, SAMPLER_KINDS, setting.models)
+    except ModelUnavailableError:
+        sampler = None
+    return LearnedGuide(setting, keypoints, sampler)
 
 
 def shortest_path_guide(setting: GuideSetting) -> ShortestPathGuide:

@@ -1,0 +1,1 @@
+"""The benchmark of the conservative collision bounds and their kernels."""
