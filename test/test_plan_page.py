@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,12 +70,23 @@ def test_a_plan_is_shown(viewer: Viewer, planner: Planner) -> None:
     np.testing.assert_allclose(page.motion.configuration, page.goal.configuration, atol=1e-3)
     ball = page.motion.robot.nodes[-1]
     np.testing.assert_allclose(ball.position[:2], page.motion.configuration, atol=1e-9)
-    assert len(page.motion.samples.nodes) == 1
     # Another goal, and the plan is none any more.
     set_value(page.goal.sliders[0], float(page.goal.configuration[0]) + 0.05)
     assert page.motion.configuration is None
     assert page.motion.way.nodes == []
     assert not page.cost.is_visible
+    page.close()
+
+
+def test_samples_are_shown_where_some_were_drawn(viewer: Viewer, planner: Planner) -> None:
+    def sampled(question: PlanQuestion, cancelled: Callable[[], bool]) -> PlanAnswer:
+        answer = library_plan(planner)(question, cancelled)
+        return replace(answer, samples=answer.path)
+
+    page = maze_page(viewer, planner, sampled)
+    page.plan()
+    assert page.wait(20.0)
+    assert len(page.motion.samples.nodes) == 1
     page.close()
 
 

@@ -67,7 +67,8 @@ class Pose:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen_array(self.position, (3,)))
         quaternion = frozen_array(self.quaternion, (4,))
-        norm = math.sqrt(float(quaternion @ quaternion))
+        # Values of any size must not overflow.
+        norm = math.hypot(*quaternion)
         if not 0.5 < norm < 1.5:
             raise ValueError(f"a quaternion of length {norm:.3g} is no rotation")
         if abs(norm - 1.0) > UNIT_LENGTH_TOLERANCE:
