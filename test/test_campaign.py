@@ -51,7 +51,6 @@ def campaign(train: int = 12, seed: int = 3, **options: object) -> Campaign:
     small = replace(
         default_options(POINT),
         whole_samples=50,
-        whole_restarts=1,
         whole_refine_samples=5,
         **options,  # type: ignore[arg-type]
     )

@@ -78,7 +78,8 @@ def test_nearest_windings_are_the_same_posture_nearer_by(values: list[float]) ->
     turns = (wound - configuration) / (2.0 * np.pi)
     assert np.allclose(turns, np.round(turns))
     best = min(np.linalg.norm(other - guess) for other in arm.windings(configuration))
-    assert np.linalg.norm(wound - guess) == pytest.approx(best)
+    # It may be nearer than all windings: a turn that ends a rounding error beyond a limit ends on it.
+    assert np.linalg.norm(wound - guess) <= best + 1e-6
 
 
 def test_layers_are_free_and_on_their_keypoint(arm: ArmRobot) -> None:

@@ -80,7 +80,7 @@ def run_collect(arguments: CollectArguments) -> int:
     console.print(f"{total} problems of the family '{campaign.source.family}' into {arguments.folder}{there}")
     try:
         with _progress(console) as progress:
-            task = progress.add_task("collecting", total=total, completed=total - left, begun=total - left, solved="")
+            task = progress.add_task("collecting", total=total, completed=total - left, solved="")
             done = solved = 0
 
             def on_shard(result: ShardResult) -> None:
@@ -176,12 +176,11 @@ def _cells(group: GroupSummary) -> tuple[str, ...]:
 
 
 class _RateColumn(ProgressColumn):
-    """Problems a second, of this run."""
+    """Problems a second, of late."""
 
     def render(self, task: Task) -> Text:
-        elapsed = task.elapsed or 0.0
-        fresh = task.completed - task.fields["begun"]
-        return Text(f"{fresh / elapsed:.1f}/s" if elapsed > 0.0 and fresh else "-/s")
+        speed = task.finished_speed or task.speed
+        return Text("-/s" if speed is None else f"{speed:.1f}/s")
 
 
 def _progress(console: Console) -> Progress:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import logging
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -12,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet as pq
 
-from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.errors import DatasetError, InvalidOptionError
 from bsp_informed_planner.experience.collection import Collector
 from bsp_informed_planner.experience.description import FILE_NAME, DatasetDescription
@@ -111,7 +112,6 @@ def collect_shard(campaign: Campaign, job: ShardJob) -> ShardResult:
     Raises:
         BspPlannerError: if a problem cannot be made or its scene not be used.
     """
-    ensure_compiled()
     records = []
     for index in range(job.first, job.first + job.count):
         seed = problem_seed(job.split, campaign.seed, index)
@@ -238,6 +238,19 @@ def _quiet(name: str) -> Iterator[None]:
 
 
 @contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes that begin here do not hear Ctrl-C, which a terminal sends to all; what began them ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
 def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
     """A client of a cluster of its own on this machine, or of one elsewhere.
 
@@ -256,15 +269,17 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
             with client:
                 yield client
             return
-        with (
+        with _interrupts_ignored():
             # Processes of one thread: kernels release the GIL, the rest of the work does not.
-            LocalCluster(
+            local = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
                 silence_logs=logging.ERROR,
-            ) as cluster,
+            )
+        with (
+            local as cluster,
             Client(cluster) as client,
         ):
             yield client

@@ -62,6 +62,7 @@ class ChainSearch:
         solver: plans and checks.
         options: what may be spent.
         seed: of the problem, and a number that tells its searches apart.
+        max_samples: that all subproblems may take.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class ChainSearch:
         solver: ProblemSolver,
         options: CollectionOptions,
         seed: tuple[int, int],
+        max_samples: int,
     ) -> None:
         self._robot = robot
         self._decomposition = decomposition
@@ -80,7 +82,7 @@ class ChainSearch:
         self._guide = ExactKeypointGuide(robot, decomposition, options.guide)
         self._layers: dict[int, FloatArray] = {}
         self._solved: dict[tuple[bytes, bytes], FloatArray | None] = {}
-        self._samples_left = options.max_samples
+        self._samples_left = max_samples
 
     def run(self, start: FloatArray, goals: FloatArray) -> ChainResult:
         """Find a chain from the start (n,) to one of several goals (g, n) that share a reference point."""
@@ -145,7 +147,7 @@ class ChainSearch:
         """
         layers = [self._layers[int(candidate)] for candidate in chain.candidate_indices]
         lifts = paths_through_layers(
-            self._robot, start, layers, goals, self._solver.checker.is_edge_free, self._options.guide, _never
+            self._robot, start, layers, goals, self._solver.is_edge_free, self._options.guide, _never
         )
         best: tuple[FloatArray, ...] | None = None
         failed_at: int | None = None

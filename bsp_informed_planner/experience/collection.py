@@ -25,16 +25,11 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """What came of a problem at one padding."""
+    """What came of the search for keypoints at one padding; `goals` (g, n) are those that are free at it."""
 
     solver: ProblemSolver
     result: ChainResult
-    goal: FloatArray
-    path: FloatArray | None
-
-    @property
-    def failure(self) -> Failure | None:
-        return self.result.failure or (Failure.NO_PATH if self.path is None else None)
+    goals: FloatArray
 
 
 class Collector:
@@ -68,36 +63,36 @@ class Collector:
         """
         begin = time.perf_counter()
         decomposition = decompose(problem.scene, self.decomposition_options)
-        attempt = self._attempt(seed, problem, decomposition, self.options.paddings[-1])
-        if attempt is not None and attempt.failure is None:
-            # What cannot be solved close to obstacles cannot be solved away from them: hence the last padding first.
-            for padding in self.options.paddings[:-1]:
-                further = self._attempt(seed, problem, decomposition, padding)
-                if further is not None and further.failure is None:
+        paddings = self.options.paddings
+        # What cannot be solved close to obstacles cannot be solved away from them: hence the last padding first.
+        attempt = self._attempt(seed, problem, decomposition, paddings[-1], self.options.max_samples)
+        if attempt is not None and attempt.result.chain is not None:
+            for padding in paddings[:-1]:
+                further = self._attempt(seed, problem, decomposition, padding, self.options.max_padded_samples)
+                if further is not None and further.result.chain is not None:
                     attempt = further
                     break
         record = self._record(seed, problem, decomposition, attempt)
         return replace(record, seconds=time.perf_counter() - begin)
 
     def _attempt(
-        self, seed: int, problem: GeneratedProblem, decomposition: Decomposition, padding: float
+        self,
+        seed: int,
+        problem: GeneratedProblem,
+        decomposition: Decomposition,
+        padding: float,
+        max_samples: int,
     ) -> _Attempt | None:
-        """Both parts of the work at one padding; None if start or goals are not free at it."""
+        """The search for keypoints at one padding; None if start or goals are not free at it."""
         solver = ProblemSolver(self.robot, problem.scene, padding, self.options)
         if not solver.checker.is_free(problem.start):
             return None
         goals = np.array([goal for goal in problem.goals if solver.checker.is_free(goal)])
         if not len(goals):
             return None
-        rank = self.options.paddings.index(padding)
-        search = ChainSearch(self.robot, decomposition, solver, self.options, (seed, rank))
-        result = search.run(problem.start, goals)
-        if result.chain is None and padding > self.options.paddings[-1]:
-            return None
-        known = None if result.chain is None else result.chain.path
-        goal = goals[0] if known is None else known[-1]
-        rng = generator(seed, Stage.WHOLE, rank)
-        return _Attempt(solver, result, goal, solver.solve_whole(problem.start, goal, rng, known))
+        part = (seed, self.options.paddings.index(padding))
+        search = ChainSearch(self.robot, decomposition, solver, self.options, part, max_samples)
+        return _Attempt(solver, search.run(problem.start, goals), goals)
 
     def _record(
         self, seed: int, problem: GeneratedProblem, decomposition: Decomposition, attempt: _Attempt | None
@@ -119,33 +114,34 @@ class Collector:
         )
         if attempt is None:
             return record
+        chain, solver = attempt.result.chain, attempt.solver
+        known = None if chain is None else chain.path
+        goal = attempt.goals[0] if known is None else known[-1]
+        rng = generator(seed, Stage.WHOLE, self.options.paddings.index(solver.padding))
+        path = solver.solve_whole(problem.start, goal, rng, known)
         record = replace(
             record,
-            goal=attempt.goal,
-            solved=attempt.failure is None,
-            failure="" if attempt.failure is None else attempt.failure.value,
-            padding=attempt.solver.padding,
+            goal=goal,
+            solved=chain is not None,
+            failure="" if attempt.result.failure is None else attempt.result.failure.value,
+            padding=solver.padding,
             removals=attempt.result.removals,
         )
-        if attempt.path is not None:
-            tool = ToolPath.of(self.robot, decomposition, attempt.path, self.options.path_step)
+        if path is not None:
+            tool = ToolPath.of(self.robot, decomposition, path, self.options.path_step)
             crossings, points = portal_crossings(decomposition, tool)
             record = replace(
-                record,
-                path=attempt.path,
-                path_cost=path_length(attempt.path),
-                crossings=crossings,
-                crossings_workspace=points,
+                record, path=path, path_cost=path_length(path), crossings=crossings, crossings_workspace=points
             )
-        if attempt.result.chain is not None:
-            chain = self._merged(seed, decomposition, attempt.result.chain, attempt.solver)
+        if chain is not None:
+            merged = self._merged(seed, decomposition, chain, solver)
             record = replace(
                 record,
-                keypoints=chain.keypoints,
-                keypoints_workspace=reference_points(self.robot, decomposition, chain.keypoints),
-                merged=chain.merged,
-                subpaths=chain.subpaths,
-                chain_workspace=attempt.result.chain.points,
+                keypoints=merged.keypoints,
+                keypoints_workspace=reference_points(self.robot, decomposition, merged.keypoints),
+                merged=merged.merged,
+                subpaths=merged.subpaths,
+                chain_workspace=chain.points,
             )
         return record
 
@@ -157,7 +153,7 @@ class Collector:
             chain.subpaths,
             lambda state: reference_points(self.robot, decomposition, state[None])[0],
             self.options.epsilon,
-            solver.checker.is_edge_free,
+            solver.is_edge_free,
             self.options.keep_sight,
         )
         subpaths = []

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.errors import DatasetError, InvalidOptionError, PlanningFailedError, ProblemError
 from bsp_informed_planner.experience.seeds import SPLITS, Stage, generator, index_of, split_of
 from bsp_informed_planner.planning.shelf_problem import (
@@ -201,7 +201,7 @@ def _require_goal_choice(choice: str) -> None:
 
 def _goals(robot: Robot, scenario: ScenarioProblem, rng: np.random.Generator, choice: str) -> FloatArray:
     """(g, n) the goal configurations to choose from, wound towards the start."""
-    checker = ExactChecker(robot, scenario.scene)
+    checker = BoundedChecker(robot, scenario.scene)
     branches = [branch for pose in scenario.goal_poses for branch in free_configurations(robot, checker, pose)]
     goals = list(scenario.goals)
     if branches:
@@ -228,7 +228,7 @@ def _problem_in(path: Path) -> ScenarioProblem | None:
 
 def _random_states(robot: Robot, scene: Scene, rng: np.random.Generator, path: Path) -> tuple[FloatArray, FloatArray]:
     """Two free configurations at random, of joints that turn within half a turn of zero where the limits allow."""
-    checker = ExactChecker(robot, scene)
+    checker = BoundedChecker(robot, scene)
     middle = np.clip(0.0, robot.lower, robot.upper)
     lower = np.where(robot.revolute, np.maximum(robot.lower, middle - np.pi), robot.lower)
     upper = np.where(robot.revolute, np.minimum(robot.upper, middle + np.pi), robot.upper)

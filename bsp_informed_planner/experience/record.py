@@ -30,8 +30,6 @@ class Failure(str, Enum):
     """The limit of RemoveEdge was reached."""
     SUBPROBLEM_SAMPLES = "subproblem_samples"
     """The samples for all subproblems were used up."""
-    NO_PATH = "no_path"
-    """Keypoints and subpaths are there, but no path of the whole problem."""
 
 
 def _no_flags() -> Flags:

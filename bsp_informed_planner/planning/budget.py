@@ -26,16 +26,23 @@ class Budget:
         seconds: time allowed from now [s].
         max_samples: most samples to draw; None: no bound but time.
         cancelled: asked often; True ends the search.
+        work: share of work that kernels are given at a time; None: as much as the clock allows. When the answers to
+            their questions come hangs on it, and so may what is found: a fixed share makes searches repeatable.
     """
 
     def __init__(
-        self, seconds: float, max_samples: int | None = None, cancelled: Callable[[], bool] | None = None
+        self,
+        seconds: float,
+        max_samples: int | None = None,
+        cancelled: Callable[[], bool] | None = None,
+        work: int | None = None,
     ) -> None:
         self._begin = time.monotonic()
         self._end = self._begin + seconds
         self._cancelled = cancelled or never
         self._lock = threading.Lock()
         self.seconds = seconds
+        self.work = work
         self.max_samples = max_samples
         self.samples = 0
         self.valid_samples = 0
@@ -43,7 +50,7 @@ class Budget:
 
     def part(self, seconds: float, max_samples: int | None = None) -> Budget:
         """A budget of its own for a sub-problem: at most `seconds` of what remains, the same caller's patience."""
-        return Budget(min(seconds, self.remaining), max_samples, self._cancelled)
+        return Budget(min(seconds, self.remaining), max_samples, self._cancelled, self.work)
 
     @property
     def elapsed(self) -> float:
@@ -91,10 +98,15 @@ class Budget:
 
 
 class Chunks:
-    """Sizes of the shares of work that kernels are given: as large as the clock allows, small for a start."""
+    """Sizes of the shares of work that kernels are given: as large as the clock allows, small for a start.
 
-    def __init__(self) -> None:
-        self.work = _FIRST_CHUNK
+    Args:
+        fixed: all of them, whatever the clock says; None: as said.
+    """
+
+    def __init__(self, fixed: int | None = None) -> None:
+        self._fixed = fixed
+        self.work = _FIRST_CHUNK if fixed is None else fixed
         self._begin = time.monotonic()
 
     def begin(self) -> int:
@@ -105,6 +117,6 @@ class Chunks:
     def end(self, used: int) -> None:
         """The share is done, of which so much was used."""
         seconds = max(time.monotonic() - self._begin, 1e-6)
-        if used > 0:
+        if used > 0 and self._fixed is None:
             fitting = int(used * _CHUNK_SECONDS / seconds)
             self.work = min(max(fitting, _FIRST_CHUNK // 4), 2 * self.work, _LARGEST_CHUNK)

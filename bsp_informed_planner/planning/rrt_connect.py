@@ -147,7 +147,7 @@ class RrtConnect:
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        chunks, counters = Chunks(), self._trees.counters
+        chunks, counters = Chunks(budget.work), self._trees.counters
         done = 0
         while done < effort and not is_over() and not budget.is_out_of_time():
             samples, valid, edges = (int(counters[place]) for place in (SAMPLES, VALID, EDGES))

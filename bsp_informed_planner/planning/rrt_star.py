@@ -166,7 +166,7 @@ class RrtStar:
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        chunks, counters = Chunks(), self._star.counters
+        chunks, counters = Chunks(budget.work), self._star.counters
         done = 0
         while done < effort and not budget.is_out_of_time():
             samples, valid, edges = (int(counters[place]) for place in (SAMPLES, VALID, EDGES))

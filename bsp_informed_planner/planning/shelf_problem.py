@@ -7,7 +7,8 @@ from enum import Enum
 
 import numpy as np
 
-from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.bounded import BoundedChecker
+from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.errors import BspPlannerError, PlanningFailedError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
@@ -76,7 +77,7 @@ def random_shelf_problem_with_goals(
         options = replace(options, level_height=TIGHT_LEVEL_HEIGHT, item_height_share=share)
     for _ in range(_SHELVES):
         shelf = random_shelf(rng, options, robot.root_frame)
-        checker = ExactChecker(robot, shelf.scene)
+        checker = BoundedChecker(robot, shelf.scene)
         deep = variant is ShelfVariant.OUTSIDE_TO_DEEP
         goal_level = 0 if deep else int(rng.integers(LEVELS))
         outside = variant in (ShelfVariant.OUTSIDE_TO_LEVEL, ShelfVariant.OUTSIDE_TO_DEEP)
@@ -99,7 +100,7 @@ def random_shelf_problem_with_goals(
     raise PlanningFailedError(f"robot '{robot.name}' reaches into none of {_SHELVES} random shelves")
 
 
-def free_configurations(robot: Robot, checker: ExactChecker, pose: Pose) -> list[FloatArray]:
+def free_configurations(robot: Robot, checker: CollisionChecker, pose: Pose) -> list[FloatArray]:
     """The free ones of all branches that bring the tool to a pose."""
     return [branch for branch in robot.inverse_kinematics(pose) if checker.is_free(branch)]
 
