@@ -39,6 +39,15 @@ LOG_PERIOD = 1.0
 MARKER_PERIOD = 0.1
 
 
+def _superseding(dropped: tuple[Scene, Time], newer: tuple[Scene, Time]) -> tuple[Scene, Time]:
+    """The newer scene with the later stamp of the two, so that who sent the dropped one learns that it has been taken.
+
+    Messages of different publishers come in any order, and many are not stamped at all.
+    """
+    stamp = max(dropped[1], newer[1], key=lambda stamp: (stamp.sec, stamp.nanosec))
+    return newer[0], stamp
+
+
 class DecompositionNode(PlannerSuiteNode):
     """Makes `scene` and `keypoint_graph` of `obstacle_scene` and `obstacle_points`.
 
@@ -81,7 +90,7 @@ class DecompositionNode(PlannerSuiteNode):
         )
         self._markers = NewestFirstWorker(self._publish_markers, "markers", pause=MARKER_PERIOD)
         self.release_with(self._markers.stop)
-        self._worker = NewestFirstWorker(self._decompose, "decompose")
+        self._worker = NewestFirstWorker(self._decompose, "decompose", merge=_superseding)
         self.release_with(self._worker.stop)
         # A volatile subscription hears every publisher, but of a latched one not what it said before; the other does.
         group = MutuallyExclusiveCallbackGroup()

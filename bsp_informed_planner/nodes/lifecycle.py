@@ -13,7 +13,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
@@ -187,6 +187,23 @@ class RosLogHandler(logging.Handler):
             self._logger.debug(text)
 
 
+def spin(executor: Executor) -> None:
+    """Spin until the executor or its context is shut down, also while nodes release what the executor waits for.
+
+    rclpy collects what it waits for before it takes hold of the handles; one that was destroyed in between raises
+    InvalidHandle. The next round no longer has it.
+
+    Raises:
+        ExternalShutdownException: the context was shut down.
+    """
+    while True:
+        try:
+            executor.spin()
+            return
+        except rclpy_implementation.InvalidHandle as error:
+            logger.debug("destroyed while it was waited for: %s", error)
+
+
 def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -> None:
     """The `main` of a node: spin until it is shut down. Ctrl-C and SIGTERM end it quietly.
 
@@ -215,7 +232,7 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
             sys.setswitchinterval(SWITCH_SECONDS)
             executor = MultiThreadedExecutor(num_threads=4)
             executor.add_node(node)
-            executor.spin()
+            spin(executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (rclpy_implementation.RCLError, ParameterException) as error:

@@ -234,7 +234,8 @@ class PlannerNode(PlannerSuiteNode):
             problem = problem_from_msg(request, world.robot, self._joints.recent())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
-            result = world.planner.solve(plan, self._guidance(world, plan, cancelled))
+            # Guidance is asked for only if a short search without any finds no path.
+            result = world.planner.solve(plan, lambda: self._guidance(world, plan, cancelled))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             saved = self._records.save(error, world, problem, options, None if plan is None else plan.seed)
             if saved is not None:
