@@ -192,6 +192,7 @@ def test_later_than_rrt_connect() -> None:
 
 def cost_row(stratum: str, first: float | None, **found: list[tuple[float, float]]) -> dict[str, Any]:
     row: dict[str, Any] = {"stratum": stratum, "seconds": 5.0, "uniform_first_cost": first}
+    row |= {f"{name}_seconds": 5.0 for name in found}
     for name, steps in found.items():
         history = History(tuple(s for s, _ in steps), tuple(c for _, c in steps))
         stored = [history.cost_at(time) for time in costs.grid(5.0)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable
 
@@ -22,8 +21,6 @@ from bsp_informed_planner.scene.scene import Scene
 
 #: Edges of a path that are judged by the bounds at once.
 CHUNK = 256
-#: The exact judge gets pieces of an edge in which no point moves further than this, for the sake of patience [m].
-LONGEST_PIECE = 0.05
 #: Exact verdicts on edges that are remembered.
 MOST_REMEMBERED = 100_000
 
@@ -146,7 +143,7 @@ class BoundedChecker:
 
         Args:
             start, end: (n,).
-            goes_on: asked every few milliseconds; False ends the work, with COLLIDING.
+            goes_on: asked before each exact check; False ends the work, with COLLIDING.
 
         Raises:
             ValueError: as `is_free`.
@@ -170,18 +167,13 @@ class BoundedChecker:
         if code == COLLIDING:
             return Verdict.COLLIDING
         worst = Verdict.CERTIFIED
-        motion = float(self.robot.motion_radii @ np.abs(end - start))
         for low, high in left.tolist():
-            pieces = max(math.ceil((high - low) * motion / LONGEST_PIECE), 1)
-            for piece in range(pieces):
-                first = low + (high - low) * piece / pieces
-                last = high if piece == pieces - 1 else low + (high - low) * (piece + 1) / pieces
-                # The ends to the bit: they are judged by themselves, too.
-                a = start if first <= 0.0 else start + first * (end - start)
-                b = end if last >= 1.0 else start + last * (end - start)
-                worst = max(worst, self.certifier.certify(a, b))
-                if worst is Verdict.COLLIDING or not goes_on():
-                    return worst
+            # The ends to the bit: they are judged by themselves, too.
+            a = start if low <= 0.0 else start + low * (end - start)
+            b = end if high >= 1.0 else start + high * (end - start)
+            worst = max(worst, self.certifier.certify(a, b, goes_on))
+            if worst is Verdict.COLLIDING:
+                break
         return worst
 
     def edge_verdicts(self, path: FloatArray, goes_on: Callable[[], bool] = _always) -> list[Verdict]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
 
 import numpy as np
@@ -15,6 +16,10 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 #: Each level of refinement halves the intervals.
 LEVELS = 6
+
+
+def _always() -> bool:
+    return True
 
 
 class Verdict(IntEnum):
@@ -66,6 +71,11 @@ class EdgeCertifier:
         self.checks = 0
         self._levels: dict[int, tuple[pin.GeometryData, pin.BroadPhaseManager_NaiveCollisionManager]] = {}
 
+    def get_ready(self) -> None:
+        """Make what the first edges would make."""
+        for level in range(LEVELS):
+            self._broadphase(level)
+
     def _broadphase(self, level: int) -> pin.BroadPhaseManager_NaiveCollisionManager:
         """A broadphase whose requests have the margins of the intervals of a level."""
         if level not in self._levels:
@@ -81,8 +91,13 @@ class EdgeCertifier:
         # The manager keeps references into the data, which must live as long as it does.
         return data, pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._collision_model, data)
 
-    def certify(self, start: FloatArray, end: FloatArray) -> Verdict:
-        """The verdict on the straight edge from start to end, both (n,) and finite."""
+    def certify(self, start: FloatArray, end: FloatArray, goes_on: Callable[[], bool] = _always) -> Verdict:
+        """The verdict on the straight edge from start to end, both (n,) and finite.
+
+        Args:
+            start, end: (n,).
+            goes_on: asked before each state is looked at; False ends the work, with COLLIDING.
+        """
         start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
         if not (self._checker.is_free(end) and self._checker.is_free(start)):
             return Verdict.COLLIDING
@@ -95,12 +110,15 @@ class EdgeCertifier:
         # Middle and half width of intervals in [0, 1], and their level. Depth first: no collision hides for long.
         pending = [((2 * index + 1) / (2 * pieces), 0.5 / pieces, 0) for index in reversed(range(pieces))]
         while pending:
+            if not goes_on():
+                return Verdict.COLLIDING
             middle, half, level = pending.pop()
             state = start + middle * difference
             self.checks += 1
             if not pin.computeCollisions(self._model, self._data, self._broadphase(level), state, True):
                 continue
-            if not self._checker.is_free(state):
+            # A body gets inside another one through its surface only: the ends have been checked for such.
+            if self._checker.touches(state):
                 return Verdict.COLLIDING
             if level + 1 == LEVELS:
                 verdict = Verdict.CHECKED

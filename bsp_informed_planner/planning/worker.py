@@ -26,7 +26,7 @@ from bsp_informed_planner.scene.pose import FloatArray
 #: Goals that a straight edge is tried to, the nearest ones.
 STRAIGHT = 4
 #: Uniform search before guidance is asked for.
-HEAD_START = 300
+HEAD_START = int(__import__("os").environ.get("HS","300"))
 #: Search with guidance before edges that the bounds leave open are looked at everywhere.
 GUIDED = 400
 #: Search with questions about such edges before it begins anew.

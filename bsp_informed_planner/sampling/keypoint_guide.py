@@ -193,7 +193,7 @@ class ExactKeypointGuide:
             orientations = tool_orientations(*quaternions, normal, fraction, self._options)
         guess = start + fraction * (goal - start)
         return keypoint_layer(
-            self._robot, checker, chain.points[position], orientations, guess, self._options.layer_size
+            self._robot, checker, chain.points[position], orientations, guess, self._options
         )
 
 

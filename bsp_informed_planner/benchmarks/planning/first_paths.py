@@ -170,11 +170,11 @@ def _require(
                 f"({solved} of {len(solvable)}; {', '.join(others)})",
             )
         )
-    if "as they come" in by_group and "uniform" in names:
-        pairs = np.stack([times(by_group["as they come"], name) for name in (ours, "uniform")], axis=1)
+    for other in names[1:] if "as they come" in by_group else ():
+        pairs = np.stack([times(by_group["as they come"], name) for name in (ours, other)], axis=1)
         section.require(
             RequiredNumber(
-                "first verified path against RRT-Connect, largest ratio of quantiles",
+                f"first verified path against {BESIDE[other]}, largest ratio of quantiles",
                 bootstrap(pairs, _largest_ratio, rng), "at most", LATER_LIMIT,
             )
         )  # fmt: skip
