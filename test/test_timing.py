@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bsp_informed_planner.planning.problem import Trajectory
 from bsp_informed_planner.planning.path import without_repeats
+from bsp_informed_planner.planning.problem import Trajectory
 from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.planning.timing_kernels import blend
 from bsp_informed_planner.scene.pose import FloatArray
@@ -111,7 +111,7 @@ def test_blended_paths_have_a_continuous_tangent(path: FloatArray) -> None:
         return
     lengths, points, tangents, bends, stops = blend(path, 0.05)
     positions, directions = ends_of(lengths, points, tangents, bends)
-    assert stops[0] and stops[-1]
+    assert stops[[0, -1]].all()
     assert np.allclose(positions[:-1], points[1:], atol=1e-9)
     assert np.allclose(points[0], path[0])
     assert np.allclose(positions[-1], path[-1])

@@ -80,10 +80,10 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     names = [name for name in methods() if f"{name}_costs" in rows[0]]
     end = min(float(row["seconds"]) for row in rows)
     longest = {name: min(float(row[f"{name}_seconds"]) for row in rows) for name in names}
-    longer = ", ".join(f"{methods()[name].title} {longest[name]:g} s" for name in names if longest[name] > end)
+    longer = "".join(f", {methods()[name].title} {longest[name]:g} s" for name in names if longest[name] > end)
     times = [time for time in FULL_TIMES if time <= end]
     section.text(
-        f"The same problems for all, {end:g} s for each method{f' ({longer})' if longer else ''}. The goal is a single configuration, the one that an "
+        f"The same problems for all, {end:g} s for each method{longer}. The goal is a single configuration, the one that an "
         "RRT-Connect run, which is not measured, reached first: given many, planners would reach different ones, and "
         "OMPL's AORRTC returns paths to none of them. Left out were problems that this run did not solve within "
         f"{CHOICE_SECONDS:g} s, and those that a straight line solves. Costs are lengths in joint space of verified "
@@ -160,12 +160,13 @@ def _require(
     )  # fmt: skip
     if "ompl_aorrtc" not in names:
         return
-    theirs = costs(rows, "ompl_aorrtc", longest["ompl_aorrtc"])
+    until = longest["ompl_aorrtc"]
+    theirs = costs(rows, "ompl_aorrtc", until)
     for time, comparison in ((OURS_AT, "at most"), (end, "reported")):
         ratio, remark = _ratio(costs(rows, "keypoints", time), theirs, rng)
         section.require(
             RequiredNumber(
-                f"cost after {time:g} s against OMPL AORRTC's after {longest['ompl_aorrtc']:g} s", ratio, comparison, AORRTC_LIMIT, "",
+                f"cost after {time:g} s against OMPL AORRTC's after {until:g} s", ratio, comparison, AORRTC_LIMIT, "",
                 f"({remark})",
             )
         )  # fmt: skip
