@@ -83,7 +83,7 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     longer = "".join(f", {methods()[name].title} {longest[name]:g} s" for name in names if longest[name] > end)
     times = [time for time in FULL_TIMES if time <= end]
     section.text(
-        f"The same problems for all, {end:g} s for each method{longer}. The goal is a single configuration, the one that an "
+        f"The same problems for all, {end:g} s for each method{longer}. The goal is one configuration, that which an "
         "RRT-Connect run, which is not measured, reached first: given many, planners would reach different ones, and "
         "OMPL's AORRTC returns paths to none of them. Left out were problems that this run did not solve within "
         f"{CHOICE_SECONDS:g} s, and those that a straight line solves. Costs are lengths in joint space of verified "

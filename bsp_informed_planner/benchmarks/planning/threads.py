@@ -52,7 +52,7 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     """A table, and the ratios of what both solve."""
     section.text(
         "Ours with exact keypoints, by one thread and by two, which search for one plan with samples of their own; "
-        f"each has the whole machine. Times to the first verified path, of plans of {SECONDS:g} s, and costs after {AT:g} s."
+        f"each has the whole machine. Times to the first verified path of plans of {SECONDS:g} s; costs after {AT:g} s."
     )
     table = []
     for stratum in STRATA:
