@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 
@@ -232,6 +233,32 @@ def test_cancelled_plans_end_at_once() -> None:
     with pytest.raises(PlanningCancelledError):
         planner.plan(problem, PlanOptions(allowed_seconds=30.0), cancelled=lambda: time.monotonic() - begin > 0.2)
     assert time.monotonic() - begin < 2.0
+
+
+@pytest.mark.parametrize("planner_id", ["anytime", "rrt_star"])
+def test_the_caller_is_asked_often(arm: ArmRobot, planner_id: str) -> None:
+    """Between two looks at the caller's wish there is little work: less than a cancel may take, 20 ms."""
+    planner, problem = shelf_problem(arm, 5)
+    # Time of the processor, since that of the clock depends on what else the machine does.
+    looks = [time.thread_time()]
+
+    def cancelled() -> bool:
+        looks.append(time.thread_time())
+        return False
+
+    with contextlib.suppress(PlanningTimeoutError):
+        planner.plan(problem, PlanOptions(planner_id=planner_id, allowed_seconds=0.6, seed=2), cancelled=cancelled)
+    looks.append(time.thread_time())
+    assert np.diff(looks).max() < 0.02
+
+
+def test_getting_ready_changes_no_plan(arm: ArmRobot) -> None:
+    planner, problem = shelf_problem(arm, 3)
+    other = Planner(arm, planner.scene)
+    other.get_ready(2)
+    results = [one.plan(problem, FIRST) for one in (planner, other)]
+    assert np.array_equal(results[0].path, results[1].path)
+    assert results[1].statistics.exact_checks == results[0].statistics.exact_checks
 
 
 def test_unreachable_keypoints_fall_back_to_uniform_and_say_so() -> None:

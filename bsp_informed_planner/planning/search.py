@@ -13,7 +13,7 @@ from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
-from bsp_informed_planner.planning.problem import PlanOptions, default_search_resolution
+from bsp_informed_planner.planning.problem import PlanOptions, default_verification_resolution
 from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
@@ -73,7 +73,7 @@ class Search:
         budget: as given.
         incumbent: the best path so far, and the history of its cost.
         max_step: longest edge of a tree [rad or m].
-        search_resolution, verification_resolution: see `PlanOptions` [m].
+        verification_resolution: see `PlanOptions` [m].
         first_solution_seconds: when there was a first verified path; 0: there is none [s].
         verification_seconds: time spent on verifying paths from elsewhere [s].
         nodes: of all trees.
@@ -97,9 +97,7 @@ class Search:
         self.incumbent = Incumbent(lambda: budget.elapsed, weights)
         diagonal = float(np.linalg.norm((robot.upper - robot.lower) * weights))
         self.max_step = options.max_step or DEFAULT_STEP * diagonal
-        default = default_search_resolution(robot)
-        self.search_resolution = options.search_resolution or default
-        self.verification_resolution = options.verification_resolution or default / 96.0
+        self.verification_resolution = options.verification_resolution or default_verification_resolution(robot)
         self.first_solution_seconds = 0.0
         self.verification_seconds = 0.0
         self.nodes = 0
@@ -212,8 +210,11 @@ class Search:
 
     def _guided(self, guidance: Guidance | Callable[[], Guidance]) -> Guidance:
         """The guidance; made when first asked for, by the first worker."""
-        if self._guidance is None:
-            self._guidance = guidance if isinstance(guidance, Guidance) else guidance()
+        if self._guidance is None and isinstance(guidance, Guidance):
+            self._guidance = guidance
+        elif self._guidance is None:
+            self._guidance = guidance()
+            self.report("searching" if self.incumbent.path is None else "improving")
         return self._guidance
 
     def _on_better(self) -> None:

@@ -31,6 +31,9 @@ HEAD_START = 300
 GUIDED = 400
 #: Search with questions about such edges before it begins anew.
 ASKING = 3000
+#: States that the exact judge may look at for one edge at first, later, and in the end: most edges take less than a
+#: hundred, and one that takes many is seldom the only way.
+FIRST_LOOKS, LOOKS, ALL_LOOKS = 64, 1000, 1 << 62
 #: A restart that has not met after so many times the effort of the first path gives up, and at least after so much.
 PATIENCE, LEAST_PATIENCE = 4, 500
 #: Shortcuts tried on a first path, and on each later one.
@@ -94,6 +97,7 @@ class Worker:
         self._uniform = SampleSource(len(problem.start), rng)
         self._mixture = self._uniform
         self._effort = LEAST_PATIENCE
+        self._looks = ALL_LOOKS
         self._finished_nodes = 0
         self._trees: RrtConnect | None = None
 
@@ -134,6 +138,7 @@ class Worker:
         # Where an end is undecided, so are mostly the states around it.
         closed_in = self._unsure[0] or self._unsure[1:].all()
         ask = ASK_ALL if closed_in else ASK_UNSURE
+        self._looks = FIRST_LOOKS
         path = grow(self._uniform, ask, HEAD_START)
         chains: list[FloatArray] = []
         if path is None and not budget.is_spent() and not is_over():
@@ -144,9 +149,11 @@ class Worker:
             self.take(found)
             trees.seed(chains)
             path = grow(self._mixture, ask, GUIDED)
+        self._looks = LOOKS
         if path is None and not budget.is_spent() and not is_over():
             path = grow(self._mixture, ASK_ALL, ASKING)
         effort = ASKING
+        self._looks = ALL_LOOKS
         while path is None and not budget.is_spent() and not is_over():
             path = self._straight(ask=STRAIGHT) if effort == ASKING else None
             if path is None:
@@ -155,6 +162,7 @@ class Worker:
                 path = grow(self._mixture, ASK_ALL, effort)
             effort *= 2
         self._effort = max(trees.effort, LEAST_PATIENCE)
+        self._looks = LOOKS
         return path
 
     def _straight(self, ask: int = 0) -> FloatArray | None:
@@ -177,9 +185,15 @@ class Worker:
         return None
 
     def _passes(self, start: FloatArray, end: FloatArray) -> bool:
-        """Whether the last check lets an edge pass, which it leaves in time."""
-        verdict = self._last.certify(start, end, lambda: not self._budget.is_out_of_time())
-        return verdict is not Verdict.COLLIDING
+        """Whether the last check lets an edge pass, and says so in time and in so many looks."""
+        looks = 0
+
+        def goes_on() -> bool:
+            nonlocal looks
+            looks += 1
+            return looks <= self._looks and not self._budget.is_out_of_time()
+
+        return self._last.certify(start, end, goes_on) is not Verdict.COLLIDING
 
     def _restart(self, trees: RrtConnect) -> None:
         self._finished_nodes += trees.nodes
