@@ -283,6 +283,9 @@ def collect(
     epsilon: Annotated[
         float | None, typer.Option(help="Keypoints closer than this are merged [m]; default: by robot.", min=0.0)
     ] = None,
+    paths_only: Annotated[
+        bool, typer.Option("--paths-only", help="Paths of whole problems without keypoints: several times faster.")
+    ] = False,
 ) -> None:
     """Collect experience: solve random problems as the paper's Algorithm 2 does, and store keypoints and paths.
 
@@ -313,6 +316,7 @@ def collect(
                 scheduler,
                 goals,
                 epsilon,
+                paths_only,
             )
         )
     )

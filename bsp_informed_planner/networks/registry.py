@@ -11,7 +11,7 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from bsp_informed_planner.errors import BspPlannerError, ModelError
-from bsp_informed_planner.networks.card import ModelCard
+from bsp_informed_planner.networks.card import SHIPPED, ModelCard
 from bsp_informed_planner.networks.cvae import Cvae
 from bsp_informed_planner.networks.encoding import SceneEncoding, encoding_from_json
 from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
@@ -26,9 +26,6 @@ KINDS: dict[str, type[nn.Module]] = {
     "cvae": Cvae,
     "cvae_shortest_path": Cvae,
 }
-
-#: Where the weights that come with the package are.
-SHIPPED = Path(__file__).parent / "weights"
 
 
 @dataclass(frozen=True, eq=False)

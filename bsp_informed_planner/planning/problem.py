@@ -10,6 +10,7 @@ import numpy as np
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.sampling.guide import EXACT
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 
 
@@ -57,7 +58,6 @@ OMPL_PLANNER_IDS = (
     "ompl_aorrtc",
 )
 PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt", *OMPL_PLANNER_IDS)
-SAMPLER_IDS = ("keypoint_tube", "uniform")
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,9 @@ class PlanOptions:
             time is over; "rrt_connect": the same without RRT*; "rrt_star", "rrt": these alone, as in the paper.
             "ompl_...": OMPL's planners, which draw their own samples, with the same collision checks, last check and
             timing; they have no `max_samples`.
-        sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform".
+        sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform"; "learned": keypoints
+            and samples by networks (Algorithm 3); "cvae_shortest_path", "gmm": the paper's baselines, which have no
+            keypoints. Without a model for the robot, keypoints are exact, and the result says why.
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
@@ -98,7 +100,7 @@ class PlanOptions:
     """
 
     planner_id: str = "anytime"
-    sampler_id: str = "keypoint_tube"
+    sampler_id: str = EXACT
     allowed_seconds: float = 5.0
     first_solution: bool = False
     uniform_fraction: float = 0.5
