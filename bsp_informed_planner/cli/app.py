@@ -328,7 +328,10 @@ def train(
     out: Annotated[Path, typer.Option(help="Folder of weights, card, checkpoint and TensorBoard curves.")],
     model: Annotated[
         str,
-        typer.Option(help="heatmap, sequential_regression, segment_cvae, cvae, cvae_shortest_path or gmm."),
+        typer.Option(
+            help="heatmap, sequential_regression, segment_cvae, cvae, cvae_shortest_path, path_chains, "
+            "path_chains_without_scene, path_library or gmm."
+        ),
     ] = "heatmap",
     name: Annotated[str | None, typer.Option(help="Of the files; default: family of the problems and model.")] = None,
     problems: Annotated[int | None, typer.Option(help="Train on at most so many problems.", min=1)] = None,

@@ -16,6 +16,7 @@ from bsp_informed_planner.networks.cvae import Cvae
 from bsp_informed_planner.networks.encoding import SceneEncoding, encoding_from_json
 from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
 from bsp_informed_planner.networks.keypoint_regression import KeypointRegression
+from bsp_informed_planner.networks.path_chains import PathChains
 from bsp_informed_planner.networks.runtime import limit_threads
 
 #: Classes of networks by the kind in their cards; architectures are their arguments.
@@ -25,6 +26,7 @@ KINDS: dict[str, type[nn.Module]] = {
     "segment_cvae": Cvae,
     "cvae": Cvae,
     "cvae_shortest_path": Cvae,
+    "path_chains": PathChains,
 }
 
 

@@ -350,6 +350,7 @@ class Planner:
         search.report("timing")
         trajectory, verdict = self._timed(path, plan.judges[0], plan)
         search.report("done")
+        self._guides.learn(options.sampler_id, path)
         return PlanResult(
             path=path,
             trajectory=trajectory,

@@ -74,6 +74,8 @@ class PlanOptions:
             keypoints. Without a model for the robot, keypoints are exact, and the result says why.
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
+        head_start: uniform search before guidance is asked for, as a number of edges to check; None: about as much as
+            takes a millisecond, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
@@ -103,6 +105,7 @@ class PlanOptions:
     sampler_id: str = EXACT
     allowed_seconds: float = 5.0
     first_solution: bool = False
+    head_start: int | None = None
     uniform_fraction: float = 0.5
     max_samples: int | None = None
     seed: int | None = None
@@ -141,6 +144,7 @@ class PlanOptions:
         require("threads", self.threads in (1, 2), "1 or 2")
         weights = () if self.cost_weights is None else self.cost_weights
         require("cost_weights", all(np.isfinite(w) and w > 0.0 for w in weights), "positive numbers, one a joint")
+        require("head_start", self.head_start is None or self.head_start >= 0, "0 or more, or none for the default")
         require("max_goals", self.max_goals >= 1, "at least 1")
         require("seed", self.seed is None or self.seed >= 0, "0 or more")
         for name in ("max_step", "search_resolution", "verification_resolution"):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.decomposition.decomposition import Decomposition
@@ -55,6 +55,15 @@ class Guide(Protocol):
         ...
 
 
+@runtime_checkable
+class LearningGuide(Protocol):
+    """A guide that gets better by use."""
+
+    def learn(self, path: FloatArray) -> None:
+        """Take note of a path (m, n) that was planned, verified."""
+        ...
+
+
 @dataclass(frozen=True)
 class GuideSetting:
     """What guides are made for.
@@ -82,9 +91,10 @@ EXACT = "keypoint_tube"
 #: torch.
 GUIDES: dict[str, str] = {
     EXACT: "bsp_informed_planner.sampling.keypoint_guide:exact_guide",
-    "learned": "bsp_informed_planner.sampling.learned_guide:learned_guide",
+    "learned": "bsp_informed_planner.sampling.learned:learned_guide",
     "cvae_shortest_path": "bsp_informed_planner.sampling.learned_guide:shortest_path_guide",
     "gmm": "bsp_informed_planner.sampling.gmm:gmm_guide",
+    "path_library": "bsp_informed_planner.sampling.path_library:path_library_guide",
 }
 
 

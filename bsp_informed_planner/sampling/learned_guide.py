@@ -16,6 +16,7 @@ from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.keypoint_estimation import EstimatedChain, SceneView, estimator_of
 from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
+from bsp_informed_planner.sampling.learned import KEYPOINT_KINDS
 from bsp_informed_planner.sampling.models import find_model
 from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.sampling.tube import tube_sampler
@@ -23,8 +24,7 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 SAMPLER_ID = "learned"
 SHORTEST_PATH_ID = "cvae_shortest_path"
-#: Kinds of models, the best first.
-KEYPOINT_KINDS = ("heatmap", "sequential_regression")
+#: Kinds of models of local samplers, the best first.
 SAMPLER_KINDS = ("segment_cvae", "cvae")
 
 
@@ -201,8 +201,8 @@ def best_free_chain(
     return None
 
 
-def learned_guide(setting: GuideSetting) -> LearnedGuide:
-    """The guide of the sampler id "learned", with the models for the setting's robot.
+def keypoint_guide(setting: GuideSetting) -> LearnedGuide:
+    """Keypoints one after the other, with the models for the setting's robot.
 
     Without a model of samplers, these are Gaussian tubes.
 

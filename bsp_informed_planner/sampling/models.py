@@ -37,9 +37,9 @@ def find_model(robot: Robot, kinds: Sequence[str], folder: str | Path | None = N
     return read_once(load_model, path)
 
 
-def read_once(read: Callable[[Path], T], path: Path) -> T:
-    """What a function reads from a file; read again only after the file has changed."""
-    content: T = _read(read, path, path.stat().st_mtime_ns)
+def read_once(read: Callable[..., T], path: Path, *arguments: Any) -> T:
+    """What a function reads from a file, with these arguments; read again only after the file has changed."""
+    content: T = _read(read, path, path.stat().st_mtime_ns, *arguments)
     return content
 
 
@@ -106,5 +106,5 @@ def _suits(card: ModelCard, robot: Robot) -> bool:
 
 
 @lru_cache(maxsize=32)
-def _read(read: Callable[[Path], Any], path: Path, changed: int) -> Any:
-    return read(path)
+def _read(read: Callable[..., Any], path: Path, changed: int, *arguments: Any) -> Any:
+    return read(path, *arguments)

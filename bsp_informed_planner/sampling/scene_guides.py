@@ -21,7 +21,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
-from bsp_informed_planner.sampling.guide import EXACT, GUIDES, Guide, GuideSetting, make_guide
+from bsp_informed_planner.sampling.guide import EXACT, GUIDES, Guide, GuideSetting, LearningGuide, make_guide
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
 
@@ -54,6 +54,12 @@ class SceneGuides:
             if sampler_id not in self._guides:
                 self._guides[sampler_id] = make_guide(sampler_id, self.setting)
             return self._guides[sampler_id]
+
+    def learn(self, sampler_id: str, path: FloatArray) -> None:
+        """Tell the guide of a sampler id, if it has been asked before, of a path (m, n) that was planned."""
+        guide = self._guides.get(sampler_id)
+        if isinstance(guide, LearningGuide):
+            guide.learn(path)
 
     def guide(
         self,
