@@ -14,6 +14,7 @@ from bsp_informed_planner.nodes.client import SuiteClient
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.planner_node import PlannerNode
+from bsp_informed_planner.sampling.guide import GUIDES
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def test_planner_info(suite: Suite) -> None:
     client.plan(point_request(scene_revision=revision), 10.0)
     info = planner_info(client)
     assert info.error_code == ErrorCode.SUCCESS
-    assert (info.planner_ids[0], info.sampler_ids[0], list(info.models)) == ("anytime", "keypoint_tube", ["bsp"])
+    assert (info.planner_ids[0], info.sampler_ids[0], list(info.models)) == ("anytime", "keypoint_tube", list(GUIDES))
     assert "rrt_star" in info.planner_ids
     assert (info.robot, info.root_frame, info.tool_frame) == ("point", "world", "point")
     assert list(info.joint_names) == ["x", "y"]
@@ -79,7 +80,7 @@ def test_diagnostics_come_once_a_second(suite: Suite) -> None:
         assert own["scene_revision"] == str(revision), name
         assert 0.7 < (stamps[name][-1] - stamps[name][0]) / (len(stamps[name]) - 1) < 2.5
     assert float(values["decomposition_node"]["decompositions_median_seconds"]) > 0.0
-    assert values["inference_node"]["model"] == "bsp"
+    assert values["inference_node"]["model"] == "keypoint_tube"
     assert int(values["inference_node"]["estimates"]) >= 1
     planner = values["planner_node"]
     assert (planner["robot"], int(planner["plans"]) >= 2) == ("point", True)

@@ -365,7 +365,7 @@ def test_samples_come_from_the_local_samplers(point: Suite) -> None:
     future = service.call_async(request)
     assert client._spin_until(future.done, 5.0)
     answer = future.result()
-    assert (answer.error_code, answer.model) == (ErrorCode.SUCCESS, "bsp"), answer.message
+    assert (answer.error_code, answer.model) == (ErrorCode.SUCCESS, "keypoint_tube"), answer.message
     samples = np.array(answer.samples).reshape(-1, 2)
     assert len(samples) == 500
     expected = np.interp(samples[:, 0], [0.1, 0.5, 0.9], [0.5, 0.8, 0.5])
