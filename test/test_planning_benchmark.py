@@ -221,7 +221,7 @@ def test_costs_are_paired() -> None:
 
 
 def test_threads_are_paired() -> None:
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"stratum": "easy", "first_1": 0.004, "first_2": 0.002, "cost_1": 4.0, "cost_2": 3.8},
         {"stratum": "easy", "first_1": 0.001, "first_2": 0.002, "cost_1": 4.0, "cost_2": None},
         {"stratum": "hard", "first_1": None, "first_2": 0.9, "cost_1": None, "cost_2": None},

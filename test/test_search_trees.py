@@ -212,6 +212,24 @@ def test_the_judge_is_asked_about_what_the_bounds_leave_open() -> None:
     assert alone.solve(uniform_samples(), Budget(60.0, max_samples=300)) is None
 
 
+def test_trees_meet_where_the_bounds_are_undecided() -> None:
+    """The judge's answer puts a node of the goal tree onto the start: that is a meeting, and no further question."""
+    start, goal = np.array([0.5 - RADIUS - 1e-7, 0.5]), np.array([0.2, 0.5])
+    verdicts = ONE_BALL.verdicts()
+    asked: list[FloatArray] = []
+
+    def judge(a: FloatArray, b: FloatArray) -> bool:
+        asked.append(a.copy())
+        return ONE_BALL.is_edge_free(a, b)
+
+    trees = RrtConnect(verdicts, space_of(0, goal, start), 0.3, np.array([True, False]))
+    trees.seed([np.array([start, [0.5, 0.5], goal])])
+    path = trees.solve(uniform_samples(), Budget(20.0, work=16), ask=ASK_ALL, judge=judge, effort=2000)
+    assert path is not None
+    assert path.tolist() == [start.tolist(), goal.tolist()]
+    assert len(asked) == 1
+
+
 def test_budgets_end_searches() -> None:
     closed = wall(gap=-0.2)
     budget = Budget(60.0, max_samples=100)
