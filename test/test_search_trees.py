@@ -224,7 +224,7 @@ def test_trees_meet_where_the_bounds_are_undecided() -> None:
 
     trees = RrtConnect(verdicts, space_of(0, goal, start), 0.3, np.array([True, False]))
     trees.seed([np.array([start, [0.5, 0.5], goal])])
-    path = trees.solve(uniform_samples(), Budget(20.0, work=16), ask=ASK_ALL, judge=judge, effort=2000)
+    path = trees.solve(uniform_samples(), Budget(20.0, work=1), ask=ASK_ALL, judge=judge, effort=2000)
     assert path is not None
     assert path.tolist() == [start.tolist(), goal.tolist()]
     assert len(asked) == 1
