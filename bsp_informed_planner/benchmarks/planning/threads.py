@@ -17,12 +17,12 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 THREADS = (1, 2)
 #: When costs are compared, and how long a plan may take [s].
-AT, SECONDS = 0.1, 1.0
+AT, SECONDS = 0.1, 0.5
 
 
 def threads_part(quick: bool) -> Part:
     """The same problems by one thread and by two."""
-    count = 3 if quick else 40
+    count = 3 if quick else 25
     cases: list[Parameters] = [{"stratum": stratum} for _ in range(count) for stratum in STRATA]
     skipped = "" if len(processors()) > 1 else "there is one processor"
     return Part("threads", "One thread and two", cases, measure, summarise, Mode.ALONE, skipped)
