@@ -154,14 +154,14 @@ class Worker:
         self._looks = LOOKS
         if path is None and not budget.is_spent() and not is_over():
             path = grow(self._mixture, ASK_ALL, ASKING)
-        effort = ASKING
+        if path is None and not budget.is_spent() and not is_over():
+            path = self._straight(ask=STRAIGHT)
         self._looks = ALL_LOOKS
+        effort = ASKING
         while path is None and not budget.is_spent() and not is_over():
-            path = self._straight(ask=STRAIGHT) if effort == ASKING else None
-            if path is None:
-                self._restart(trees)
-                trees.seed(chains)
-                path = grow(self._mixture, ASK_ALL, effort)
+            self._restart(trees)
+            trees.seed(chains)
+            path = grow(self._mixture, ASK_ALL, effort)
             effort *= 2
         self._effort = max(trees.effort, LEAST_PATIENCE)
         self._looks = LOOKS
