@@ -77,8 +77,8 @@ def plan_markers(robot: Robot, result: PlanResult) -> MarkerArray:
 
     Namespaces: "path" (the way of the tool, a line strip coloured from start to goal), "waypoints" and "keypoints"
     (sphere lists), "start" and "goal" (a sphere each), "samples" (where the tool is in samples of the guidance),
-    "trees" (where it is in the first nodes of the search's trees, if they were kept, a line list) and "swept_robot" (coarse
-    hulls of the robot along the path, translucent triangles). What is empty is left out.
+    "trees" (where it is in the first nodes of the search's trees, if they were kept, a line list) and "swept_robot"
+    (coarse hulls of the robot along the path, translucent triangles). What is empty is left out.
     """
     header = Header(frame_id=robot.root_frame)
     states = interpolate(result.path, max(PATH_STEP, path_length(result.path) / MOST_POINTS))
