@@ -140,19 +140,3 @@ def test_parameter_files_name_parameters_that_exist(file: str) -> None:
             for name, value in values["ros__parameters"].items()
         }
         KINDS[node.removeprefix("/**/")](**fields).validate()
-
-
-@pytest.mark.parametrize("name", ["point", "ur5"])
-def test_files_of_parameters_are_in_force(name: str) -> None:
-    content = yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())
-    kinds = {
-        "/**/decomposition_node": DecompositionNode,
-        "/**/inference_node": InferenceNode,
-        "/**/planner_node": PlannerNode,
-    }
-    assert set(content) == set(kinds)
-    with running_suite(name) as suite:
-        for node_name, kind in kinds.items():
-            given = content[node_name]["ros__parameters"]
-            node = suite.add(kind, **given)
-            assert {key: node.get_parameter(key).value for key in given} == given
