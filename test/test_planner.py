@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -346,3 +347,19 @@ def test_uniform_samples_hold_every_posture(arm: ArmRobot) -> None:
     assert (upper - lower >= np.minimum(2.0 * np.pi, arm.upper - arm.lower) - 1e-9)[full].all()
     assert (lower >= arm.lower).all()
     assert (upper <= arm.upper).all()
+
+
+@pytest.mark.parametrize("planner_id", OWN_PLANNER_IDS)
+def test_trees_are_kept_when_asked_for(planner_id: str) -> None:
+    maze = random_maze(np.random.default_rng(7)).problem
+    planner = Planner(PointRobot(), maze.scene)
+    problem = PlanningProblem(maze.start, [JointGoal(goal) for goal in maze.goals])
+    options = PlanOptions(planner_id, max_samples=2000, allowed_seconds=20.0, seed=1)
+    assert planner.plan(problem, options).trees == ()
+    result = planner.plan(problem, replace(options, keep_trees=True))
+    assert sum(len(tree.nodes) for tree in result.trees) > 0
+    for tree in result.trees:
+        assert len(tree.parents) == len(tree.nodes)
+        assert (tree.parents < len(tree.nodes)).all()
+    roots = np.concatenate([tree.nodes[tree.parents < 0] for tree in result.trees])
+    assert (roots == maze.start).all(axis=1).any()

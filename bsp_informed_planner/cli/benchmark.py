@@ -80,7 +80,7 @@ def guidance(
 
 
 @app.command()
-def nodes(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
+def service(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
     """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
     from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark

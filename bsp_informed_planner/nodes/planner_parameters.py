@@ -55,6 +55,9 @@ class PlannerParameters(RobotParameters):
     )
 
     publish_markers: bool = parameter(True, "Publish plan_markers for RViz and Foxglove.", live=True)
+    publish_trees: bool = parameter(
+        False, "Show the trees of the search in plan_markers too, for a look at hard problems.", live=True
+    )
     save_problem_on_failure: str = parameter(
         "", "Folder for a file of each plan that fails, which `bsp-planner plan FILE` repeats; empty: none is written."
     )
@@ -78,4 +81,5 @@ class PlannerParameters(RobotParameters):
             padding=self.padding,
             blend_deviation=None if self.blend_deviation < 0.0 else self.blend_deviation,
             time_step=self.trajectory_time_step,
+            keep_trees=self.publish_trees and self.publish_markers,
         )

@@ -379,6 +379,7 @@ class Planner:
             verification_resolution=search.verification_resolution,
             scene_revision=self.scene.revision,
             statistics=self._statistics(plan, used),
+            trees=search.trees,
         )
 
     def _ompl_path(self, plan: PreparedPlan) -> FloatArray | None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.guide import EXACT
@@ -95,6 +96,7 @@ class PlanOptions:
         cost_weights: (n,) of the joints in lengths, and so in the cost and in `max_step`; None: 1 each.
         threads: 2: two threads search for one plan, each with samples of its own; the best path wins. Which one that is
             may then depend on timing. It pays where cores are idle.
+        keep_trees: keep the trees of the search in the result, to look at.
         ompl_simplify: whether OMPL's simplification shortens what "ompl_rrt_connect" finds.
     """
 
@@ -116,6 +118,7 @@ class PlanOptions:
     max_goals: int = 16
     cost_weights: tuple[float, ...] | None = None
     threads: int = 1
+    keep_trees: bool = False
     ompl_simplify: bool = True
 
     def __post_init__(self) -> None:
@@ -223,6 +226,7 @@ class PlanResult:
         guidance: what guided the search.
         verification_resolution: see PlanOptions [m].
         scene_revision: of the scene it was verified against.
+        trees: of the search, if they were to be kept; OMPL's planners tell of none.
     """
 
     path: FloatArray
@@ -235,6 +239,7 @@ class PlanResult:
     verification_resolution: float
     scene_revision: int
     statistics: PlanStatistics = field(default_factory=lambda: PlanStatistics(seed=0))
+    trees: tuple[GrownTree, ...] = ()
 
     def __repr__(self) -> str:
         proof = "certified" if self.certified else "checked"

@@ -11,6 +11,7 @@ import numpy as np
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_verification_resolution
@@ -77,6 +78,7 @@ class Search:
         first_solution_seconds: when there was a first verified path; 0: there is none [s].
         verification_seconds: time spent on verifying paths from elsewhere [s].
         nodes: of all trees.
+        trees: copies of them, if `PlanOptions.keep_trees`.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Search:
         self.first_solution_seconds = 0.0
         self.verification_seconds = 0.0
         self.nodes = 0
+        self.trees: tuple[GrownTree, ...] = ()
         self._guidance: Guidance | None = None
 
     def report(self, phase: str) -> None:
@@ -172,6 +175,8 @@ class Search:
         else:
             self._anytime(workers, guidance)
         self.nodes = sum(worker.nodes for worker in workers)
+        if options.keep_trees:
+            self.trees = tuple(tree for worker in workers for tree in worker.trees)
         return self.incumbent.path
 
     def _anytime(self, workers: list[Worker], guidance: Guidance | Callable[[], Guidance]) -> None:

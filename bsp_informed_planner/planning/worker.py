@@ -11,6 +11,7 @@ from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.question_kernels import ASK_ALL, ASK_UNSURE
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
@@ -102,11 +103,18 @@ class Worker:
         self._looks = ALL_LOOKS
         self._finished_nodes = 0
         self._trees: RrtConnect | None = None
+        self._star: RrtStar | None = None
 
     @property
     def nodes(self) -> int:
         """Nodes of all trees so far."""
         return self._finished_nodes + (self._trees.nodes if self._trees is not None else 0)
+
+    @property
+    def trees(self) -> tuple[GrownTree, ...]:
+        """Copies of what has grown: the trees of the last bidirectional search, and that of RRT*."""
+        both = () if self._trees is None else (self._trees.start_tree(), self._trees.goal_tree())
+        return both if self._star is None else (*both, self._star.tree())
 
     def take(self, guidance: Guidance) -> None:
         """Draw samples from guidance from now on."""
@@ -226,7 +234,7 @@ class Worker:
         chains = [chain.configurations for chain in found_guidance.chains]
         trees = self._trees or RrtConnect(self._verdicts, self.space, self._problem.max_step, self._unsure)
         self._trees = trees
-        star = RrtStar(self._verdicts, self.space, self._problem.max_step, unsure=self._unsure)
+        self._star = star = RrtStar(self._verdicts, self.space, self._problem.max_step, unsure=self._unsure)
         star.insert_path(self._incumbent.path)
         patience = PATIENCE * self._effort
         while not self._budget.is_spent() and not self._is_optimal():
@@ -276,7 +284,7 @@ class Worker:
             on_better: is called after each better path.
         """
         self.take(guidance)
-        tree = RrtStar(
+        self._star = tree = RrtStar(
             self._verdicts, self.space, self._problem.max_step, rewire=rewire, informed=False, unsure=self._unsure
         )
         ask, effort = ASK_UNSURE, GUIDED
