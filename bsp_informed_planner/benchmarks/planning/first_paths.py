@@ -11,6 +11,7 @@ from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Ro
 from bsp_informed_planner.benchmarks.charts import COLOURS, label, legend_below, limit_line, logarithmic, new_figure
 from bsp_informed_planner.benchmarks.machine import pinned
 from bsp_informed_planner.benchmarks.planning.methods import (
+    PHASES,
     Run,
     in_random_order,
     methods,
@@ -71,6 +72,9 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             first = history.first(LIMIT)
             row[name] = first if np.isfinite(first) else None
             row[f"{name}_certified"] = history.certified
+            if name == METHODS[0]:
+                row["phases"] = [round(seconds, 7) for seconds in history.phases]
+                row["exact_checks"] = history.exact_checks
     return row
 
 
@@ -101,6 +105,7 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     header = ["", "problems", f"solved of what anything solves in {LIMIT:g} s [%]", "median [ms]", "90 %", "99 %"]
     section.table(header, table)
     _compare(by_group, names, section, rng)
+    _break_down(by_group, section)
     _require(by_group, names, section, rng)
     _draw(by_group, names, section)
 
@@ -144,6 +149,23 @@ def _compare(
                 table.append([f"{group}: {TITLES[name]}", len(both), ratio, _percent(sooner)])
     section.text(f"Time of {TITLES[names[0]]} relative to the others, on the problems that both solve:")
     section.table(["", "problems", "ratio (geometric mean)", "sooner [%]"], table)
+
+
+def _break_down(by_group: Mapping[str, list[Row]], section: Section) -> None:
+    """Where the time of ours goes, of all problems and of those that take longest."""
+    table: list[list[object]] = []
+    for group, own in by_group.items():
+        found = sorted((row for row in own if row.get("phases")), key=lambda row: float(row[METHODS[0]]))
+        for name, some in ((group, found), (f"{group}, the slowest tenth", found[-max(len(found) // 10, 1) :])):
+            if some:
+                phases = 1e3 * np.array([row["phases"] for row in some]).mean(axis=0)
+                checks = float(np.mean([row["exact_checks"] for row in some]))
+                table.append([name, len(some), *(number(float(phase)) for phase in phases), number(checks)])
+    section.text(
+        f"Where the time of {TITLES[METHODS[0]]} goes until there is a path, on average; and how many configurations "
+        "the exact judge looks at in the whole plan, shortening and timing included:"
+    )
+    section.table(["", "problems", *(f"{phase} [ms]" for phase in PHASES), "exact checks"], table)
 
 
 def _require(
