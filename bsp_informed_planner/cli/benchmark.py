@@ -96,6 +96,22 @@ def planning(
 
 
 @app.command()
+def shelf(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    workers: WorkersOption = 2,
+    models: ModelsOption = None,
+) -> None:
+    """The paper's experiment at a shelf: RRT* for an arm on samples of ours, of the baselines, of controls."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.shelf.benchmark import shelf_benchmark
+
+    benchmark = shelf_benchmark(quick, None if models is None else str(models))
+    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), workers))
+
+
+@app.command()
 def soak(
     minutes: Annotated[float, typer.Option(help="How long.", min=0.2, max=10_000.0)] = 30.0,
     seed: SeedOption = 0,

@@ -113,6 +113,7 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     for baseline in BASELINES:
         if {OURS, baseline} <= runs.keys():
             _claim(runs, baseline, section, rng)
+    _bounds(runs, section, rng)
 
 
 def _slower(found: Runs, uniform: Runs) -> str:
@@ -169,3 +170,15 @@ def _claim(runs: Mapping[str, Runs], baseline: str, section: Section, rng: np.ra
         f"{shares[1].text()} ({intervals(*shares)}); median time to the first path, guidance included, {time.text()} "
         f"times theirs and {plain.text()} times uniform's."
     )
+
+
+def _bounds(runs: Mapping[str, Runs], section: Section, rng: np.random.Generator) -> None:
+    """What samples along the shortest path would give: what is required cannot be more than that."""
+    base, parts = samples_to_first(runs["uniform"], SAMPLES), []
+    for name in ("perfect", "exact_tube"):
+        first = ratio_of_means(samples_to_first(runs[name], SAMPLES), base, rng)
+        cost, _ = cost_ratio(runs[name], runs["uniform"], len(GRID) - 1, rng)
+        parts.append(
+            f"{SAMPLERS[name].title}: {first.text()} of uniform's samples to the first path, cost {cost.text()}"
+        )
+    section.find(f"Unseen mazes, what there is to gain with half of the samples uniform: {'; '.join(parts)}.")
