@@ -47,7 +47,7 @@ ROBOT = PointRobot()
 MAZE = random_maze(np.random.default_rng(3)).problem
 PROBLEM = PlanningProblem(MAZE.start, [JointGoal(MAZE.goals[0])])
 #: Machines that have other work are slow.
-SLACK = 0.3
+SLACK = 1.5
 
 
 def first(planner_id: str = "ompl_rrt_connect", **options: Any) -> PlanOptions:

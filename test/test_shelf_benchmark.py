@@ -30,11 +30,11 @@ from bsp_informed_planner.benchmarks.shelf.runs import (
     run_planners,
     run_samplers,
 )
-from bsp_informed_planner.benchmarks.shelf.samplers import EXACT, SAMPLERS, Situation
+from bsp_informed_planner.benchmarks.shelf.samplers import SAMPLERS, Situation
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.errors import ModelUnavailableError
 from bsp_informed_planner.planning.problem import PoseGoal
-from bsp_informed_planner.sampling.guide import GUIDES
+from bsp_informed_planner.sampling.guide import EXACT, GUIDES
 
 RNG = np.random.default_rng(0)
 #: Needs no weights.

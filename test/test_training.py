@@ -23,12 +23,12 @@ from bsp_informed_planner.experience.sampler_examples import (
     SceneSamplerExamples,
     SegmentSamplerExamples,
     noisy_states,
-    resampled,
 )
 from bsp_informed_planner.experience.trainable_models import MODELS, Training, prepare_training
 from bsp_informed_planner.experience.training import TrainingOptions, TrainingResult, TrainingState, train
 from bsp_informed_planner.networks.encoding import PlanarDistances, PlanarOccupancy
 from bsp_informed_planner.networks.registry import load_model
+from bsp_informed_planner.sampling.path_shapes import resampled
 from bsp_informed_planner.scene.signed_distance import SignedDistance
 
 QUICK = TrainingOptions(steps=8, batch_size=8, validate_every=4, warmup=2)
@@ -266,7 +266,7 @@ def test_regression_examples_are_neighbours_of_chains(training_split: Experience
 
 def test_paths_are_resampled_evenly(training_split: Experience) -> None:
     path = training_split.paths[0]
-    points = resampled(path)
+    points = resampled(path, 32)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     np.testing.assert_allclose(points[[0, -1]], path[[0, -1]])
     assert steps.max() < 1.01 * training_split.path_costs[0] / 31

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.robot_source import RobotParameters
-from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanOptions
+from bsp_informed_planner.planning.problem import PLANNER_IDS, PlanOptions
+from bsp_informed_planner.sampling.guide import EXACT, SAMPLER_IDS
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,7 @@ class PlannerParameters(RobotParameters):
     """Parameters of the planner node."""
 
     planner_id: str = parameter("anytime", "Planner of requests that name none.", choices=PLANNER_IDS, live=True)
-    sampler_id: str = parameter("keypoint_tube", "Sampler of requests that name none.", choices=SAMPLER_IDS, live=True)
+    sampler_id: str = parameter(EXACT, "Sampler of requests that name none.", choices=SAMPLER_IDS, live=True)
     allowed_planning_time: float = parameter(
         5.0, "Time of requests that give none [s].", minimum=0.01, maximum=600.0, live=True
     )

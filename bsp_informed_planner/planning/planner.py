@@ -19,7 +19,6 @@ from bsp_informed_planner.decomposition.decomposition import Decomposition, deco
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import (
     InvalidOptionError,
-    KeypointsUnavailableError,
     PlanningFailedError,
     PlanningTimeoutError,
     RobotDescriptionError,
@@ -34,7 +33,6 @@ from bsp_informed_planner.planning.ompl_search import OmplPathSearch
 from bsp_informed_planner.planning.problem import (
     OMPL_PLANNER_IDS,
     PLANNER_IDS,
-    SAMPLER_IDS,
     CostHistory,
     PlanningProblem,
     PlanOptions,
@@ -50,7 +48,8 @@ from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.planning.validation import free_state, goal_configurations
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
-from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
+from bsp_informed_planner.sampling.guide import EXACT, SAMPLER_IDS, GuideSetting
+from bsp_informed_planner.sampling.scene_guides import UNAVAILABLE, SceneGuides
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
@@ -114,6 +113,7 @@ class Planner:
         scene: what to keep clear of, in the robot's root frame.
         decomposition: of this scene; None: made when first needed.
         guide_options: how keypoints are lifted to configurations.
+        models: folder of learned models; None: those that come with the package.
         decomposition_options: used when the decomposition is made here; None: of the robot's workspace dimension.
         ompl_workers: processes for OMPL's planners, of this robot, which planners of other scenes may share; None: of
             its own, started when first needed.
@@ -138,6 +138,7 @@ class Planner:
         *,
         decomposition: Decomposition | None = None,
         guide_options: KeypointGuideOptions | None = None,
+        models: str | None = None,
         decomposition_options: DecompositionOptions | None = None,
         ompl_workers: OmplWorkers | None = None,
     ) -> None:
@@ -156,7 +157,8 @@ class Planner:
         self.scene = scene
         self._decomposition = decomposition
         self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
-        self._guide_options = guide_options
+        options = guide_options or KeypointGuideOptions()
+        self._guides = SceneGuides(GuideSetting(self.robot, scene, lambda: self.decomposition, options, models))
         self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
         self._finest = default_search_resolution(self.robot) / 96.0
@@ -236,6 +238,9 @@ class Planner:
             PlanningCancelledError: the caller has cancelled.
             MissingPackageError, PlannerProcessError: OMPL is not installed, or its process failed.
         """
+        options = options or PlanOptions()
+        if guidance is None and options.sampler_id in SAMPLER_IDS:
+            self.load_guide(options.sampler_id)
         plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
         return self.solve(plan, (lambda: self.guide(plan)) if guidance is None else guidance)
 
@@ -279,21 +284,34 @@ class Planner:
         goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals)
         return PreparedPlan(start, goals, options, seed, judges, before, budget, search)
 
-    def guide(self, plan: PreparedPlan) -> Guidance:
-        """Guidance as the plan's options ask for, or uniform with the reason why not."""
-        if plan.options.sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
+    def load_guide(self, sampler_id: str) -> None:
+        """Load the models of a sampler id, which takes seconds for the first network of a process.
+
+        `plan` does it before its time begins. What is missing is not said here but by the plan.
+        """
+        if sampler_id in ("uniform", EXACT):
+            return
+        try:
+            self._guides.get(sampler_id)
+        except UNAVAILABLE as error:
+            logger.info("%s: %s", sampler_id, error)
+
+    def guide(self, plan: PreparedPlan, sampler_id: str | None = None) -> Guidance:
+        """Guidance for a plan, with the reason if it is not what was asked for.
+
+        Args:
+            plan: a prepared one.
+            sampler_id: None: as the plan's options ask for.
+        """
+        sampler_id = sampler_id or plan.options.sampler_id
+        if sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
             return Guidance("uniform")
         if plan.options.planner_id in OMPL_PLANNER_IDS:
             return Guidance("uniform", fallback_reason="OMPL's planners take no samples but their own")
         plan.search.report("guidance")
-        try:
-            guide = ExactKeypointGuide(self.robot, self.decomposition, self._guide_options)
-            # Half of the time at most: without a chain, the other half is still there to search uniformly.
-            half = plan.budget.part(0.5 * plan.budget.remaining)
-            return guide.guide(plan.start, plan.goals, plan.judges[0], half.is_out_of_time)
-        except KeypointsUnavailableError as error:
-            logger.info("no keypoints: %s; sampling uniformly", error.reason)
-            return Guidance("uniform", fallback_reason=f"no keypoints: {error.reason}")
+        # Half of the time at most: without a chain, the other half is still there to search uniformly.
+        half = plan.budget.part(0.5 * plan.budget.remaining)
+        return self._guides.guide(sampler_id, plan.start, plan.goals, plan.judges[0], half.is_out_of_time)
 
     def solve(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         """The last part of `plan`: search, verification, timing. A prepared plan is solved once.
@@ -332,6 +350,7 @@ class Planner:
         search.report("timing")
         trajectory, verdict = self._timed(path, plan.judges[0], plan)
         search.report("done")
+        self._guides.learn(options.sampler_id, path)
         return PlanResult(
             path=path,
             trajectory=trajectory,

@@ -10,6 +10,7 @@ import numpy as np
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.sampling.guide import EXACT
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 
 
@@ -57,7 +58,6 @@ OMPL_PLANNER_IDS = (
     "ompl_aorrtc",
 )
 PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt", *OMPL_PLANNER_IDS)
-SAMPLER_IDS = ("keypoint_tube", "uniform")
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,13 @@ class PlanOptions:
             time is over; "rrt_connect": the same without RRT*; "rrt_star", "rrt": these alone, as in the paper.
             "ompl_...": OMPL's planners, which draw their own samples, with the same collision checks, last check and
             timing; they have no `max_samples`.
-        sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform".
+        sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform"; "learned": keypoints
+            and samples by networks (Algorithm 3); "cvae_shortest_path", "gmm": the paper's baselines, which have no
+            keypoints. Without a model for the robot, keypoints are exact, and the result says why.
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
+        head_start: uniform search before guidance is asked for, as a number of edges to check; None: about as much as
+            takes a millisecond, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
@@ -98,9 +102,10 @@ class PlanOptions:
     """
 
     planner_id: str = "anytime"
-    sampler_id: str = "keypoint_tube"
+    sampler_id: str = EXACT
     allowed_seconds: float = 5.0
     first_solution: bool = False
+    head_start: int | None = None
     uniform_fraction: float = 0.5
     max_samples: int | None = None
     seed: int | None = None
@@ -139,6 +144,7 @@ class PlanOptions:
         require("threads", self.threads in (1, 2), "1 or 2")
         weights = () if self.cost_weights is None else self.cost_weights
         require("cost_weights", all(np.isfinite(w) and w > 0.0 for w in weights), "positive numbers, one a joint")
+        require("head_start", self.head_start is None or self.head_start >= 0, "0 or more, or none for the default")
         require("max_goals", self.max_goals >= 1, "at least 1")
         require("seed", self.seed is None or self.seed >= 0, "0 or more")
         for name in ("max_step", "search_resolution", "verification_resolution"):

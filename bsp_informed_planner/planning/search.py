@@ -14,7 +14,7 @@ from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_search_resolution
-from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, Problem, Worker
+from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, HEAD_START, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.scene.pose import FloatArray
@@ -159,7 +159,9 @@ class Search:
             return self.incumbent.path
         limits = (np.asarray(self._robot.lower), np.asarray(self._robot.upper))
         box = sampling_bounds(self._robot, start, goals)
-        problem = Problem(start, goals, box, limits, self.max_step, self._options.uniform_fraction)
+        options = self._options
+        head_start = HEAD_START if options.head_start is None else options.head_start
+        problem = Problem(start, goals, box, limits, self.max_step, options.uniform_fraction, head_start)
         seeds = self._seeds.spawn(len(judges))
         workers = [
             Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent)

@@ -25,7 +25,7 @@ from bsp_informed_planner.scene.pose import FloatArray
 # Efforts are numbers of edges to check: the order of play is then the same on a slow machine.
 #: Goals that a straight edge is tried to, the nearest ones.
 STRAIGHT = 4
-#: Uniform search before guidance is asked for.
+#: Uniform search before guidance is asked for, by default.
 HEAD_START = 300
 #: Search with guidance before edges that the bounds leave open are looked at everywhere.
 GUIDED = 400
@@ -54,6 +54,7 @@ class Problem:
         limits: lower and upper joint limits, each (n,).
         max_step: longest edge of a tree.
         uniform_fraction: lambda, once there is guidance.
+        head_start: uniform search before guidance is asked for.
     """
 
     start: FloatArray
@@ -62,6 +63,7 @@ class Problem:
     limits: tuple[FloatArray, FloatArray]
     max_step: float
     uniform_fraction: float
+    head_start: int = HEAD_START
 
 
 class Worker:
@@ -134,7 +136,7 @@ class Worker:
         # Where an end is undecided, so are mostly the states around it.
         closed_in = self._unsure[0] or self._unsure[1:].all()
         ask = ASK_ALL if closed_in else ASK_UNSURE
-        path = grow(self._uniform, ask, HEAD_START)
+        path = grow(self._uniform, ask, self._problem.head_start) if self._problem.head_start else None
         chains: list[FloatArray] = []
         if path is None and not budget.is_spent() and not is_over():
             path = self._straight(ask=1)

@@ -16,8 +16,8 @@ from bsp_informed_planner.sampling.cvae_sampler import cvae_sampler
 from bsp_informed_planner.sampling.gmm import SAMPLER_ID as GMM_ID
 from bsp_informed_planner.sampling.gmm import GmmGuide, PrimitiveDatabase
 from bsp_informed_planner.sampling.guide import Guide
+from bsp_informed_planner.sampling.learned import KEYPOINT_KINDS
 from bsp_informed_planner.sampling.learned_guide import (
-    KEYPOINT_KINDS,
     SAMPLER_KINDS,
     SHORTEST_PATH_ID,
     LearnedGuide,

@@ -13,7 +13,7 @@ from bsp_informed_planner.benchmarks.maze.world import MazeWorld
 from bsp_informed_planner.benchmarks.report import Section
 from bsp_informed_planner.benchmarks.statistics import Estimate, column, mean, median
 from bsp_informed_planner.errors import ModelUnavailableError
-from bsp_informed_planner.experience.sampler_examples import resampled
+from bsp_informed_planner.sampling.path_shapes import resampled
 
 SAMPLES, COVERING, NEAR, POINTS = 600, 400, 0.04, 64
 

@@ -28,8 +28,9 @@ from bsp_informed_planner.benchmarks.shelf.analysis import (
     reference,
 )
 from bsp_informed_planner.benchmarks.shelf.runs import GRID, history_costs, history_first_ms
-from bsp_informed_planner.benchmarks.shelf.samplers import EXACT, SAMPLERS
+from bsp_informed_planner.benchmarks.shelf.samplers import SAMPLERS
 from bsp_informed_planner.benchmarks.statistics import order_quantile
+from bsp_informed_planner.sampling.guide import EXACT
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: Colour, line and marker of samplers, then of the planners beside RRT*.

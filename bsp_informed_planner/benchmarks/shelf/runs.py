@@ -37,14 +37,19 @@ GRID = (100, 200, 400, 700, 1000, 1500, 2000, 3000, 4000, 5500, 7000, 9000, 11_0
 #: Samples of a pool whose valid share is noted.
 POOL = 400
 #: Patience of the RRT-Connect run that chooses the goal, and time of the run that the best path comes from [s].
-CHOICE_SECONDS, BEST_SECONDS = 10.0, 0.6
+CHOICE_SECONDS, BEST_SECONDS = 3.0, 0.6
 #: Planners beside RRT*, by their names in the benchmark of planning.
 PLANNERS = ("keypoints", "restarts", "ompl_aorrtc")
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Attributes: `star_seconds` for a run of RRT*, `seconds` for the planners beside it [s]."""
+    """How long runs may take.
+
+    Attributes:
+        star_seconds: a run of RRT* [s].
+        seconds: a run of a planner beside it [s].
+    """
 
     star_seconds: float
     seconds: float

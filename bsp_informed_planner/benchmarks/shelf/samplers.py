@@ -15,7 +15,7 @@ from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import KeypointsUnavailableError
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
-from bsp_informed_planner.sampling.guide import GUIDES, GuideSetting, make_guide
+from bsp_informed_planner.sampling.guide import EXACT, GUIDES, GuideSetting, make_guide
 from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -109,12 +109,12 @@ def _straight_line(situation: Situation) -> FloatArray:
     return np.stack((situation.start, situation.goal))
 
 
-EXACT = "keypoint_tube"
 TITLES = {
     "learned": "ours, networks",
     "cvae_shortest_path": "CVAE (shortest path)",
     "gmm": "GMM",
     EXACT: "ours, exact keypoints",
+    "path_library": "path library",
 }
 _FIRST = {"uniform": ArmSampler("uniform", _uniform)}
 _GUIDED = {

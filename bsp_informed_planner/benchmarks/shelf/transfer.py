@@ -8,7 +8,7 @@ import numpy as np
 
 from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Row
 from bsp_informed_planner.benchmarks.report import Section
-from bsp_informed_planner.benchmarks.shelf.analysis import add_time_tables
+from bsp_informed_planner.benchmarks.shelf.analysis import SOON, add_time_tables
 from bsp_informed_planner.benchmarks.shelf.families import TRANSFER
 from bsp_informed_planner.benchmarks.shelf.runs import Limits, draw_situation, run_planners, run_samplers
 from bsp_informed_planner.planning.path import path_length
@@ -16,10 +16,9 @@ from bsp_informed_planner.planning.path import path_length
 
 def transfer_part(quick: bool, models: str | None) -> Part:
     """Problems as they come, of each family."""
-    count, limits = (1, (0.5, 0.3)) if quick else (12, (1.0, 1.0))
     cases: list[Parameters] = [
-        {"family": family, "models": models, "star_seconds": limits[0], "seconds": limits[1]}
-        for _ in range(count)
+        {"family": family, "models": models, "star_seconds": 1.2e-3 * SOON, "seconds": 1.2e-3 * SOON}
+        for _ in range(1 if quick else 8)
         for family in TRANSFER
     ]
     return Part("transfer", "Scenes of other kinds", cases, measure, summarise, Mode.PINNED)
