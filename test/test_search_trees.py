@@ -13,7 +13,7 @@ from bsp_informed_planner.planning.neighbour_kernels import nearest_rows
 from bsp_informed_planner.planning.path import interpolate, path_length, without_repeats
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.rrt_star import RrtStar, plan_rrt_star
+from bsp_informed_planner.planning.rrt_star import RrtStar, StarResult, plan_rrt_star
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
@@ -327,6 +327,38 @@ def test_fixed_sample_budgets_have_a_history() -> None:
         assert costs[0] == np.inf
         assert costs == sorted(costs, reverse=True)
         assert costs == run(sampler)
+
+
+def test_times_at_milestones() -> None:
+    """Stops on the way change nothing of what is found; where the time is over, there is no time."""
+
+    def run(samples: int, milestones: tuple[int, ...], seconds: float = np.inf) -> StarResult:
+        return plan_rrt_star(
+            ONE_BALL.verdicts(),
+            START,
+            GOAL,
+            samples,
+            lower=LOWER,
+            upper=UPPER,
+            max_step=0.05,
+            rng=np.random.default_rng(7),
+            milestones=milestones,
+            allowed_seconds=seconds,
+        )
+
+    whole, noted = run(2000, ()), run(2000, (100, 500, 2000))
+    assert np.array_equal(whole.costs, noted.costs)
+    assert whole.milestone_seconds.shape == (0,)
+    times = noted.milestone_seconds.tolist()
+    assert times == sorted(times)
+    assert 0.0 < times[0] < times[-1] <= noted.seconds
+    short = run(50_000, (1, 50_000), 0.02)
+    assert short.milestone_seconds[0] < 0.02
+    assert short.milestone_seconds[1] == np.inf
+    assert len(short.costs) < 50_000
+    for wrong in ((500, 100), (3000,)):
+        with pytest.raises(InvalidOptionError, match="milestones"):
+            run(2000, wrong)
 
 
 def test_weights_change_what_is_short() -> None:

@@ -37,23 +37,40 @@ def decomposition(
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
 
 
+ModelsOption = Annotated[
+    Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+]
+
+
+@app.command()
+def maze(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    workers: WorkersOption = 2,
+    models: ModelsOption = None,
+) -> None:
+    """The paper's experiment in mazes: RRT* on samples of ours, of the baselines, of controls and bounds."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.maze.benchmark import maze_benchmark
+
+    benchmark = maze_benchmark(quick, None if models is None else str(models))
+    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), workers))
+
+
 @app.command()
 def networks(
     quick: QuickOption = False,
     seed: SeedOption = 0,
     out: OutOption = None,
-    models: Annotated[
-        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
-    ] = None,
+    models: ModelsOption = None,
 ) -> None:
     """Networks: keypoint chains and samples in unseen mazes, beside exact ones and those of other methods."""
     from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
 
     benchmark = networks_benchmark(quick, None if models is None else str(models))
-    # Rows of other models are no rows of these.
-    folder = f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}")
-    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / folder, 1))
+    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), 1))
 
 
 @app.command()
@@ -102,6 +119,22 @@ def planning(
 
 
 @app.command()
+def shelf(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    workers: WorkersOption = 2,
+    models: ModelsOption = None,
+) -> None:
+    """The paper's experiment at a shelf: RRT* for an arm on samples of ours, of the baselines, of controls."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.shelf.benchmark import shelf_benchmark
+
+    benchmark = shelf_benchmark(quick, None if models is None else str(models))
+    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), workers))
+
+
+@app.command()
 def soak(
     minutes: Annotated[float, typer.Option(help="How long.", min=0.2, max=10_000.0)] = 30.0,
     seed: SeedOption = 0,
@@ -125,6 +158,11 @@ def collision(
 
     benchmark = collision_benchmark(quick)
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+
+
+def _folder(benchmark: Benchmark, models: Path | None) -> Path:
+    """Of the results; rows of other models are no rows of these."""
+    return Path("out") / (f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}"))
 
 
 def _run(benchmark: Benchmark, arguments: BenchmarkArguments) -> None:

@@ -114,16 +114,16 @@ def _asked(guide: Guide, problem: ShelfProblem) -> MakeGuidance:
 
 def _at_random(library: MakeGuidance, rng: np.random.Generator) -> MakeGuidance:
     """As many paths as the library gives, but shapes of those of other starts and goals."""
-    limits = robot().lower, robot().upper
+    lower, upper = robot().lower, robot().upper
 
     def ask(start: FloatArray, goals: FloatArray, checker: CollisionChecker) -> Guidance:
-        elsewhere = rng.uniform(*(0.5 * limit for limit in limits), (2, robot().dof))
+        elsewhere = rng.uniform(0.5 * lower, 0.5 * upper, (2, robot().dof))
         guidance = library(elsewhere[0], elsewhere[1:], checker)
         share = np.linspace(0.0, 1.0, len(guidance.chains[0].configurations))[:, None]
         line = (1.0 - share) * start + share * goals[0]
         strange = (1.0 - share) * elsewhere[0] + share * elsewhere[1]
         paths = np.array([chain.configurations - strange + line for chain in guidance.chains])
-        paths[:, 1:-1] = np.clip(paths[:, 1:-1], *limits)
+        paths[:, 1:-1] = np.clip(paths[:, 1:-1], lower, upper)
         chains: tuple[ConfigurationChain, ...] = lifted(robot(), paths)
         tube = path_guidance(robot(), np.concatenate(list(paths)))
         return Guidance("random", chains, tube.sampler, seconds=guidance.seconds)
