@@ -54,7 +54,7 @@ QUANTILES = (0.25, 0.5, 0.75, 0.9, 0.95)
 
 def first_paths_part(quick: bool) -> Part:
     """Times to first verified paths, on problems as they come and on more hard ones."""
-    any_count, hard_count = (10, 3) if quick else (120, 32)
+    any_count, hard_count = (10, 3) if quick else (100, 30)
     cases: list[Parameters] = [{"stratum": stratum} for stratum in [""] * any_count + ["hard"] * hard_count]
     return Part("first", "Time to the first verified path", cases, measure, summarise, Mode.ALONE)
 

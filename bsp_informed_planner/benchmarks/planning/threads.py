@@ -32,7 +32,7 @@ AT, SECONDS = 0.1, 0.5
 
 def threads_part(quick: bool) -> Part:
     """The same problems by one thread and by two."""
-    count = 3 if quick else 20
+    count = 3 if quick else 15
     cases: list[Parameters] = [{"stratum": stratum} for _ in range(count) for stratum in STRATA]
     skipped = "" if len(processors()) > 1 else "there is one processor"
     return Part("threads", "One thread and two", cases, measure, summarise, Mode.ALONE, skipped)
