@@ -13,12 +13,12 @@ from bsp_informed_planner.planning.neighbour_kernels import nearest_rows
 from bsp_informed_planner.planning.path import interpolate, path_length, without_repeats
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.rrt_star import RrtStar, plan_rrt_star
+from bsp_informed_planner.planning.rrt_star import RrtStar, StarResult, plan_rrt_star
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.planning.subset_kernels import Space, draw_uniform
-from bsp_informed_planner.planning.tree import add, max_nodes, new_tree, nodes_and_parents, path_to_root
+from bsp_informed_planner.planning.tree import add, grown, max_nodes, new_tree, path_to_root
 from bsp_informed_planner.planning.tree_kernels import set_parent
 from bsp_informed_planner.sampling.informed import ProlateHyperspheroid
 from bsp_informed_planner.sampling.sampler import UniformSampler
@@ -171,9 +171,9 @@ def test_a_blocked_chain_seeds_both_trees() -> None:
     trees.seed([blocked, blocked])
     # Work for the chains alone.
     assert trees.solve(uniform_samples(), Budget(60.0), effort=1) is None
-    for (nodes, parents), ahead in ((trees.start_tree(), blocked), (trees.goal_tree(), blocked[::-1])):
-        assert np.array_equal(nodes[:3], ahead[:3])
-        assert parents[:3].tolist() == [-1, 0, 1]
+    for tree, ahead in ((trees.start_tree(), blocked), (trees.goal_tree(), blocked[::-1])):
+        assert np.array_equal(tree.nodes[:3], ahead[:3])
+        assert tree.parents[:3].tolist() == [-1, 0, 1]
 
 
 def test_the_way_the_work_is_divided_makes_no_difference() -> None:
@@ -210,6 +210,24 @@ def test_the_judge_is_asked_about_what_the_bounds_leave_open() -> None:
     # Without a judge the start cannot be left.
     alone = RrtConnect(verdicts, space_of(0, GOAL, start), 0.1, unsure)
     assert alone.solve(uniform_samples(), Budget(60.0, max_samples=300)) is None
+
+
+def test_trees_meet_where_the_bounds_are_undecided() -> None:
+    """The judge's answer puts a node of the goal tree onto the start: that is a meeting, and no further question."""
+    start, goal = np.array([0.5 - RADIUS - 1e-7, 0.5]), np.array([0.2, 0.5])
+    verdicts = ONE_BALL.verdicts()
+    asked: list[FloatArray] = []
+
+    def judge(a: FloatArray, b: FloatArray) -> bool:
+        asked.append(a.copy())
+        return ONE_BALL.is_edge_free(a, b)
+
+    trees = RrtConnect(verdicts, space_of(0, goal, start), 0.3, np.array([True, False]))
+    trees.seed([np.array([start, [0.5, 0.5], goal])])
+    path = trees.solve(uniform_samples(), Budget(20.0, work=1), ask=ASK_ALL, judge=judge, effort=2000)
+    assert path is not None
+    assert path.tolist() == [start.tolist(), goal.tolist()]
+    assert len(asked) == 1
 
 
 def test_budgets_end_searches() -> None:
@@ -311,6 +329,38 @@ def test_fixed_sample_budgets_have_a_history() -> None:
         assert costs == run(sampler)
 
 
+def test_times_at_milestones() -> None:
+    """Stops on the way change nothing of what is found; where the time is over, there is no time."""
+
+    def run(samples: int, milestones: tuple[int, ...], seconds: float = np.inf) -> StarResult:
+        return plan_rrt_star(
+            ONE_BALL.verdicts(),
+            START,
+            GOAL,
+            samples,
+            lower=LOWER,
+            upper=UPPER,
+            max_step=0.05,
+            rng=np.random.default_rng(7),
+            milestones=milestones,
+            allowed_seconds=seconds,
+        )
+
+    whole, noted = run(2000, ()), run(2000, (100, 500, 2000))
+    assert np.array_equal(whole.costs, noted.costs)
+    assert whole.milestone_seconds.shape == (0,)
+    times = noted.milestone_seconds.tolist()
+    assert times == sorted(times)
+    assert 0.0 < times[0] < times[-1] <= noted.seconds
+    short = run(50_000, (1, 50_000), 0.02)
+    assert short.milestone_seconds[0] < 0.02
+    assert short.milestone_seconds[1] == np.inf
+    assert len(short.costs) < 50_000
+    for wrong in ((500, 100), (3000,)):
+        with pytest.raises(InvalidOptionError, match="milestones"):
+            run(2000, wrong)
+
+
 def test_weights_change_what_is_short() -> None:
     """A joint that is dear moves less."""
     balls = Balls(np.array([[0.3, 0.55], [0.7, 0.45]]), np.array([0.1, 0.1]))
@@ -376,11 +426,11 @@ def test_interpolation_keeps_waypoints_and_step() -> None:
 def test_trees_grow_beyond_their_first_memory() -> None:
     trees = RrtConnect(wall(-0.2).verdicts(), space_of(0), 0.02)
     assert trees.solve(uniform_samples(), Budget(60.0, max_samples=12_000)) is None
-    nodes, parents = trees.start_tree()
+    nodes, parents = trees.start_tree().nodes, trees.start_tree().parents
     assert len(nodes) > 1024
-    assert trees.nodes == len(nodes) + len(trees.goal_tree()[0])
+    assert trees.nodes == len(nodes) + len(trees.goal_tree().nodes)
     assert parents[0] == -1
     assert (parents[1:] < np.arange(1, len(parents))).all()
     tree = new_tree(4, 2)
     add(tree, np.zeros((2, 2)), np.array([-1, 0]), np.zeros(2, np.bool_), np.ones(2))
-    assert nodes_and_parents(tree)[1].tolist() == [-1, 0]
+    assert grown(tree).parents.tolist() == [-1, 0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bsp_informed_planner.benchmarks.networks.maze_world import MazeWorld
+from bsp_informed_planner.benchmarks.maze.world import MazeWorld
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.networks.card import SHIPPED, ModelCard
@@ -49,7 +49,7 @@ def test_chains_in_unseen_mazes_are_mostly_usable() -> None:
     plain = best = 0
     mazes = 25
     for number in range(mazes):
-        world = MazeWorld(np.random.default_rng(UNSEEN + number))
+        world = MazeWorld.random(np.random.default_rng(UNSEEN + number))
         view = SceneView.of(world.scene, model)
         chains = estimator_of(model).chains(view, world.start, world.goal, 16, np.random.default_rng(number))
         verdicts = [world.judge(chain.configurations, chain.reached) for chain in chains]
@@ -61,8 +61,8 @@ def test_chains_in_unseen_mazes_are_mostly_usable() -> None:
 
 @pytest.mark.parametrize("sampler_id", sorted(set(GUIDES) - {"path_library"}))
 def test_every_guide_works_in_a_maze_as_it_comes(sampler_id: str) -> None:
-    world = MazeWorld(np.random.default_rng(UNSEEN + 100))
-    guidance = make_guide(sampler_id, world.setting).guide(world.start, world.goal[None], world.checker)
+    world = MazeWorld.random(np.random.default_rng(UNSEEN + 100))
+    guidance = make_guide(sampler_id, world.setting()).guide(world.start, world.goal[None], world.checker)
     assert guidance.sampler_id == sampler_id
     assert guidance.sampler is not None
     samples = guidance.sampler.sample(np.random.default_rng(0), 500)

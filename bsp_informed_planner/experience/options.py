@@ -58,7 +58,7 @@ class CollectionOptions:
     revisit_tolerance: float = 1e-6
     allow_detours: bool = False
     path_step: float = 0.05
-    guide: KeypointGuideOptions = field(default_factory=KeypointGuideOptions)
+    guide: KeypointGuideOptions = field(default_factory=lambda: KeypointGuideOptions(exact_checks=1000))
 
     def __post_init__(self) -> None:
         def require(name: str, holds: bool, expected: str) -> None:

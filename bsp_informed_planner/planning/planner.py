@@ -30,6 +30,7 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.ompl_workers.process import OmplWorkers, require_ompl
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.ompl_search import OmplPathSearch
+from bsp_informed_planner.planning.path import without_straight_points
 from bsp_informed_planner.planning.problem import (
     OMPL_PLANNER_IDS,
     PLANNER_IDS,
@@ -40,7 +41,7 @@ from bsp_informed_planner.planning.problem import (
     PlanStatistics,
     Trajectory,
     default_blend_deviation,
-    default_search_resolution,
+    default_verification_resolution,
 )
 from bsp_informed_planner.planning.rrt_star import require_room
 from bsp_informed_planner.planning.search import Progress, Search
@@ -161,10 +162,11 @@ class Planner:
         self._guides = SceneGuides(GuideSetting(self.robot, scene, lambda: self.decomposition, options, models))
         self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
-        self._finest = default_search_resolution(self.robot) / 96.0
-        # By padding and resolution: judges to make others from, and others that no plan uses at the moment.
-        self._judges = {(0.0, self._finest): BoundedChecker(self.robot, scene, finest=self._finest)}
-        self._idle: dict[tuple[float, float], list[BoundedChecker]] = {}
+        self._finest = default_verification_resolution(self.robot)
+        # By padding and resolution: judges to make others from, and those that no plan uses at the moment.
+        first = BoundedChecker(self.robot, scene, finest=self._finest)
+        self._judges = {(0.0, self._finest): first}
+        self._idle: dict[tuple[float, float], list[BoundedChecker]] = {(0.0, self._finest): [first]}
 
     @property
     def decomposition(self) -> Decomposition:
@@ -176,6 +178,22 @@ class Planner:
         if self._decomposition is None:
             self._decomposition = decompose(self.scene, self._decomposition_options)
         return self._decomposition
+
+    def get_ready(self, threads: int = 1) -> None:
+        """Make what the first plan would make and all later ones use: some milliseconds that need not be a plan's.
+
+        That is the last check, for a plan without padding; not the decomposition.
+
+        Args:
+            threads: of the plan.
+        """
+        judges = tuple(self._judge(0.0, self._finest) for _ in range(threads))
+        middle = 0.5 * (np.asarray(self.robot.lower) + np.asarray(self.robot.upper))
+        for judge in judges:
+            judge.verdicts.of_states(middle[None])
+            judge.judge.touches(middle)
+            judge.certifier.get_ready()
+        self._return_judges((0.0, self._finest), judges)
 
     def checker(self, padding: float = 0.0) -> ExactChecker:
         """An exact collision checker of its own for the caller. `padding`: distance to keep from obstacles [m]."""
@@ -205,12 +223,11 @@ class Planner:
                 return idle.pop()
         return self.judge(padding, finest)
 
-    def _release(self, plan: PreparedPlan) -> None:
-        key = (plan.options.padding, plan.search.verification_resolution)
+    def _return_judges(self, key: tuple[float, float], judges: tuple[BoundedChecker, ...]) -> None:
         with self._lock:
             if len(self._idle) >= MAX_JUDGES:
                 self._idle.clear()
-            self._idle[key] = [*self._idle.get(key, []), *plan.judges][:MAX_JUDGES]
+            self._idle[key] = [*self._idle.get(key, []), *judges][:MAX_JUDGES]
 
     def plan(
         self,
@@ -281,7 +298,7 @@ class Planner:
         judges = tuple(self._judge(options.padding, search.verification_resolution) for _ in range(options.threads))
         before = sum(judge.checks for judge in judges)
         start = free_state(self.robot, judges[0], "start", problem.start)
-        goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals)
+        goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals, budget.check_cancelled)
         return PreparedPlan(start, goals, options, seed, judges, before, budget, search)
 
     def load_guide(self, sampler_id: str) -> None:
@@ -326,7 +343,7 @@ class Planner:
         try:
             return self._solved(plan, guidance)
         finally:
-            self._release(plan)
+            self._return_judges((plan.options.padding, plan.search.verification_resolution), plan.judges)
 
     def _solved(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         options, budget, search = plan.options, plan.budget, plan.search
@@ -362,6 +379,7 @@ class Planner:
             verification_resolution=search.verification_resolution,
             scene_revision=self.scene.revision,
             statistics=self._statistics(plan, used),
+            trees=search.trees,
         )
 
     def _ompl_path(self, plan: PreparedPlan) -> FloatArray | None:
@@ -395,7 +413,8 @@ class Planner:
                 deviation=allowed,
                 time_step=options.time_step,
             )
-            verdict = judge.verdict(trajectory.positions, not_cancelled)
+            # Points on a line make one edge: the sooner it is judged.
+            verdict = judge.verdict(without_straight_points(trajectory.positions), not_cancelled)
             if verdict is Verdict.CERTIFIED:
                 return trajectory, verdict
             if verdict is Verdict.CHECKED and fallback is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.guide import EXACT
@@ -82,12 +83,9 @@ class PlanOptions:
             same for the same seed, on any machine: "rrt_connect", or with `first_solution` or `max_samples`.
         max_step: longest edge of a tree, eta; None: 5 % of the diagonal of the joint limits, or OMPL's own choice for
             "ompl_rrt_star" and "ompl_informed_rrt_star" [rad or m]. "ompl_bit_star" has none.
-        search_resolution: where a planner searches with discrete checks (OMPL's), no point of the robot moves further
-            than this between two of them [m]; None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only
-            slides.
         verification_resolution: where the path that is returned cannot be proved free, since bodies are almost in
             touch, it is checked at states between which no point of the robot moves further than this [m]; None:
-            a 96th of the default above.
+            0.3 mm, or 0.003 % of the diagonal of its space for a robot that only slides.
         padding: distance to keep from obstacles [m].
         velocity_scaling, acceleration_scaling: fractions of the robot's limits to use, in [0.01, 1].
         blend_deviation: how far the timed path may leave the corners of the planned one [rad or m]; where that is not
@@ -98,6 +96,7 @@ class PlanOptions:
         cost_weights: (n,) of the joints in lengths, and so in the cost and in `max_step`; None: 1 each.
         threads: 2: two threads search for one plan, each with samples of its own; the best path wins. Which one that is
             may then depend on timing. It pays where cores are idle.
+        keep_trees: keep the trees of the search in the result, to look at.
         ompl_simplify: whether OMPL's simplification shortens what "ompl_rrt_connect" finds.
     """
 
@@ -110,7 +109,6 @@ class PlanOptions:
     max_samples: int | None = None
     seed: int | None = None
     max_step: float | None = None
-    search_resolution: float | None = None
     verification_resolution: float | None = None
     padding: float = 0.0
     velocity_scaling: float = 1.0
@@ -120,6 +118,7 @@ class PlanOptions:
     max_goals: int = 16
     cost_weights: tuple[float, ...] | None = None
     threads: int = 1
+    keep_trees: bool = False
     ompl_simplify: bool = True
 
     def __post_init__(self) -> None:
@@ -147,14 +146,14 @@ class PlanOptions:
         require("head_start", self.head_start is None or self.head_start >= 0, "0 or more, or none for the default")
         require("max_goals", self.max_goals >= 1, "at least 1")
         require("seed", self.seed is None or self.seed >= 0, "0 or more")
-        for name in ("max_step", "search_resolution", "verification_resolution"):
+        for name in ("max_step", "verification_resolution"):
             if getattr(self, name) is not None:
                 positive(name)
 
 
-def default_search_resolution(robot: Robot) -> float:
-    """How far a point of the robot may move between states checked while searching, by default [m]."""
-    return 0.03 if robot.revolute.any() else 0.003 * float(np.linalg.norm(robot.upper - robot.lower))
+def default_verification_resolution(robot: Robot) -> float:
+    """How far a point of the robot may move between states of a path that cannot be proved free, by default [m]."""
+    return 3e-4 if robot.revolute.any() else 3e-5 * float(np.linalg.norm(robot.upper - robot.lower))
 
 
 def default_blend_deviation(robot: Robot) -> float:
@@ -227,6 +226,7 @@ class PlanResult:
         guidance: what guided the search.
         verification_resolution: see PlanOptions [m].
         scene_revision: of the scene it was verified against.
+        trees: of the search, if they were to be kept; OMPL's planners tell of none.
     """
 
     path: FloatArray
@@ -239,6 +239,7 @@ class PlanResult:
     verification_resolution: float
     scene_revision: int
     statistics: PlanStatistics = field(default_factory=lambda: PlanStatistics(seed=0))
+    trees: tuple[GrownTree, ...] = ()
 
     def __repr__(self) -> str:
         proof = "certified" if self.certified else "checked"

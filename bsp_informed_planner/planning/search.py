@@ -11,9 +11,10 @@ import numpy as np
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
-from bsp_informed_planner.planning.problem import PlanOptions, default_search_resolution
+from bsp_informed_planner.planning.problem import PlanOptions, default_verification_resolution
 from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, HEAD_START, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
@@ -73,10 +74,11 @@ class Search:
         budget: as given.
         incumbent: the best path so far, and the history of its cost.
         max_step: longest edge of a tree [rad or m].
-        search_resolution, verification_resolution: see `PlanOptions` [m].
+        verification_resolution: see `PlanOptions` [m].
         first_solution_seconds: when there was a first verified path; 0: there is none [s].
         verification_seconds: time spent on verifying paths from elsewhere [s].
         nodes: of all trees.
+        trees: copies of them, if `PlanOptions.keep_trees`.
     """
 
     def __init__(
@@ -97,12 +99,11 @@ class Search:
         self.incumbent = Incumbent(lambda: budget.elapsed, weights)
         diagonal = float(np.linalg.norm((robot.upper - robot.lower) * weights))
         self.max_step = options.max_step or DEFAULT_STEP * diagonal
-        default = default_search_resolution(robot)
-        self.search_resolution = options.search_resolution or default
-        self.verification_resolution = options.verification_resolution or default / 96.0
+        self.verification_resolution = options.verification_resolution or default_verification_resolution(robot)
         self.first_solution_seconds = 0.0
         self.verification_seconds = 0.0
         self.nodes = 0
+        self.trees: tuple[GrownTree, ...] = ()
         self._guidance: Guidance | None = None
 
     def report(self, phase: str) -> None:
@@ -174,6 +175,8 @@ class Search:
         else:
             self._anytime(workers, guidance)
         self.nodes = sum(worker.nodes for worker in workers)
+        if options.keep_trees:
+            self.trees = tuple(tree for worker in workers for tree in worker.trees)
         return self.incumbent.path
 
     def _anytime(self, workers: list[Worker], guidance: Guidance | Callable[[], Guidance]) -> None:
@@ -214,8 +217,13 @@ class Search:
 
     def _guided(self, guidance: Guidance | Callable[[], Guidance]) -> Guidance:
         """The guidance; made when first asked for, by the first worker."""
-        if self._guidance is None:
-            self._guidance = guidance if isinstance(guidance, Guidance) else guidance()
+        if self._guidance is not None:
+            return self._guidance
+        if isinstance(guidance, Guidance):
+            self._guidance = guidance
+        else:
+            self._guidance = guidance()
+            self.report("searching" if self.incumbent.path is None else "improving")
         return self._guidance
 
     def _on_better(self) -> None:

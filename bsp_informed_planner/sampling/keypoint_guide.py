@@ -194,9 +194,7 @@ class ExactKeypointGuide:
             normal = portal_normal(self._decomposition.portal(int(self._decomposition.candidate_portals[candidate])))
             orientations = tool_orientations(*quaternions, normal, fraction, self._options)
         guess = start + fraction * (goal - start)
-        return keypoint_layer(
-            self._robot, checker, chain.points[position], orientations, guess, self._options.layer_size
-        )
+        return keypoint_layer(self._robot, checker, chain.points[position], orientations, guess, self._options)
 
 
 def exact_guide(setting: GuideSetting) -> ExactKeypointGuide:

@@ -58,8 +58,8 @@ def guides(
 ) -> Mapping[str, MakeGuidance]:
     """What may guide a plan, by a short name; those that need a model which is not there are left out.
 
-    Each has loaded its model, and the scene is decomposed: a caller asks once before it measures, and each has then worked
-    out what it needs of the scene alone, as at a second plan in it.
+    Each has loaded its model, and the scene is decomposed. A caller asks each once before it measures: it has then
+    worked out what it needs of the scene alone, as at a second plan in it.
 
     Args:
         problem: to be planned.
