@@ -112,7 +112,7 @@ def test_times_are_compared_in_pairs() -> None:
 
 
 def test_failures_count() -> None:
-    found = numbers([row("hard", plain=2.0, learned=None)] * 4)
+    found = numbers([row("hard", plain=2.0, learned=None, wrong_scene=2.0)] * 4)
     assert found["hard: time with the network at once / RRT-Connect"].value == pytest.approx(summary.FAILED / 2.0)
     assert found["hard: 90 % of times, at_once"].value == np.inf
     assert not found["hard: cost / RRT-Connect"].holds
