@@ -366,7 +366,11 @@ MODELS: dict[str, TrainableModel] = {
             "whole chains for arms, several at once, which seed the planner's trees (the default)",
             _PATH_OPTIONS,
             _path_chains,
-            (_ONLY_LIKE_ITS_DATA,),
+            (
+                _ONLY_LIKE_ITS_DATA,
+                "Most of what it proposes follows from start and goal: `bsp-planner evaluate --controls` tells what the "
+                "scene adds.",
+            ),
         ),
         TrainableModel(
             PATH_CHAINS + WITHOUT_SCENE,
