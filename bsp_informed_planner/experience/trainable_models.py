@@ -341,7 +341,7 @@ _SAMPLER_OPTIONS = TrainingOptions(
 )
 
 _PATH_OPTIONS = TrainingOptions(
-    steps=12000, batch_size=256, learning_rate=1e-3, weight_decay=0.02, warmup=200, validate_every=500
+    steps=4000, batch_size=256, learning_rate=1e-3, weight_decay=0.02, warmup=200, validate_every=250
 )
 
 MODELS: dict[str, TrainableModel] = {
