@@ -17,6 +17,7 @@ from bsp_informed_planner.benchmarks.planning.methods import (
     methods,
     planner_of,
     robot,
+    warm_up,
 )
 from bsp_informed_planner.benchmarks.planning.problems import Draw, ShelfProblem, draw_solved_problem, seed_of
 from bsp_informed_planner.benchmarks.shelf.samplers import SAMPLERS, ArmSampler, Made, Situation
@@ -153,6 +154,7 @@ def planners() -> dict[str, Method]:
 def run_planners(problem: ShelfProblem, limits: Limits, rng: np.random.Generator) -> dict[str, Any]:
     """Histories of the planners beside RRT*: `P_seconds` and `P_costs`."""
     row: dict[str, Any] = {}
+    warm_up(problem)
     available = planners()
     for name in in_random_order(list(available), rng):
         history = available[name].run(Run(problem, seed_of(rng), limits.seconds, False))
