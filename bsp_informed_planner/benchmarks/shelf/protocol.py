@@ -67,7 +67,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     return {
         "stratum": problem.stratum,
         "whole": limits.star_seconds == WHOLE_SECONDS,
-        "best": path_length(situation.best, np.ones(len(situation.start))),
+        "best": path_length(situation.best),
         **run_samplers(situation, limits, parameters["models"], rng),
         **run_planners(problem, limits, rng),
     }

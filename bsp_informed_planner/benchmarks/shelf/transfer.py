@@ -31,7 +31,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     return {
         "family": parameters["family"],
         "stratum": problem.stratum,
-        "best": path_length(situation.best, np.ones(len(situation.start))),
+        "best": path_length(situation.best),
         **run_samplers(situation, limits, parameters["models"], rng),
         **run_planners(problem, limits, rng),
     }
