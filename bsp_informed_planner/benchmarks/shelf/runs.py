@@ -23,7 +23,7 @@ from bsp_informed_planner.benchmarks.planning.problems import Draw, ShelfProblem
 from bsp_informed_planner.benchmarks.shelf.samplers import SAMPLERS, ArmSampler, Made, Situation
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.verdict_calls_kernels import FREE
-from bsp_informed_planner.errors import ModelUnavailableError, PlanningFailedError
+from bsp_informed_planner.errors import ModelUnavailableError, PlanningFailedError, TrajectoryTimingError
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import JointGoal, PlanOptions
@@ -78,7 +78,7 @@ def draw_situation(
             planner = planner_of(problem)
             options = PlanOptions("rrt_connect", "uniform", CORRIDOR_SECONDS, True, seed=seed_of(rng))
             corridor = planner.plan(problem.problem, options)
-        except PlanningFailedError:
+        except (PlanningFailedError, TrajectoryTimingError):
             continue
         seconds = corridor.statistics.first_solution_seconds
         best = _best_path(planner, problem, corridor.path, rng)
@@ -89,7 +89,7 @@ def _best_path(planner: Planner, problem: ShelfProblem, known: FloatArray, rng: 
     """That of a longer run, or the one that is known: no problem is left out since our planner did not solve it."""
     try:
         path = planner.plan(problem.problem, PlanOptions(allowed_seconds=BEST_SECONDS, seed=seed_of(rng))).path
-    except PlanningFailedError:
+    except (PlanningFailedError, TrajectoryTimingError):
         return known
     return min(path, known, key=path_length)
 
