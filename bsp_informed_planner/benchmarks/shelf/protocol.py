@@ -132,11 +132,13 @@ def _require(
             ratio = median_ratio(runs[other].first_ms, ours.first_ms, rng)
             section.require(
                 RequiredNumber(
-                    f"median time to the first path, {SAMPLERS[other].title}'s over {title}'s", ratio, "at least", limit
+                    f"median time to the first path, {SAMPLERS[other].title} over {title}", ratio, "at least", limit
                 )
             )
     worst = _worst_cost(ours, {other: runs[other] for other in limits if other in runs})
-    section.require(RequiredNumber(f"median cost, {title}'s over the baselines', worst time", worst, "at most", 1.0))
+    section.require(
+        RequiredNumber(f"median cost, {title} over each baseline, at the worst of the times", worst, "at most", 1.0)
+    )
 
 
 def _worst_cost(ours: Runs, others: Mapping[str, Runs]) -> float:
