@@ -168,7 +168,7 @@ def test_covers_of_the_arm_are_used_again(arm: ArmRobot) -> None:
     bounds = bounds_of(with_attached(arm, [box_in_hand(arm)]))
     assert time.perf_counter() - begin < 5.0
     # The parcel is in one group with the link that carries it.
-    assert sum(cover in known.covers for cover in bounds.covers) == len(known.covers) - 1
+    assert sum(cover in known.covers.covers for cover in bounds.covers.covers) == len(known.covers.covers) - 1
 
 
 def test_touch_links_are_not_checked(arm: ArmRobot) -> None:

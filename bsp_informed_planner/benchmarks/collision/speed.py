@@ -82,7 +82,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
     """A table of times, and the required ratio."""
     section.text(
-        "In random shelves, one core, fastest of repeated calls from compiled code (coal: from Python). Edges are 1 rad "
+        "In random shelves, one core, fastest of repeated calls, from compiled code (coal: Python). Edges are 1 rad "
         f"long. Coal checks {STATES_OF_AN_EDGE} states of an edge, one after the other, each until the first hit; the "
         "kernels prove the whole edge free. Packing: from the scene object to the arrays of the kernels."
     )

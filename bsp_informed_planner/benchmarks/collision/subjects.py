@@ -45,7 +45,8 @@ def shelf_for(name: str, rng: np.random.Generator) -> ShelfScene:
 
 def _concave(rng: np.random.Generator) -> Mesh:
     """An L of two boxes as one mesh of two closed pieces."""
-    triangles, vertices = [], []
+    triangles: list[np.ndarray] = []
+    vertices: list[FloatArray] = []
     corners = np.array(
         [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
         + [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
