@@ -26,7 +26,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     Scratch,
     SphereTree,
 )
-from bsp_informed_planner.collision.clear_pairs import find_clear_pairs
+from bsp_informed_planner.collision.clear_pairs import BEYOND_LIMITS, find_clear_pairs
 from bsp_informed_planner.collision.cover import CoverBuilder, CoverOptions, RobotCovers
 from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.cover_kernels import enclosing_ball
@@ -113,9 +113,10 @@ class CollisionBounds:
             if joint > 0:
                 centres = np.concatenate([cover.outer[:, :3], cover.inner[:, :3]])
                 distances = axis_distances(model, axes, prismatic, joint, centres)
-                # Rounded up, and never zero where a joint moves the group.
-                levers[group] = np.where(distances > 0.0, distances * (1.0 + 1e-6), 0.0)
-                levers[group, _movers(model, joint)] = np.maximum(levers[group, _movers(model, joint)], 1e-6)
+                # Rounded up, never zero where a joint moves the group, and with room for slides beyond the limits.
+                movers = _movers(model, joint)
+                beyond = BEYOND_LIMITS * np.count_nonzero(prismatic)
+                levers[group, movers] = np.maximum(distances[movers] * (1.0 + 1e-6) + beyond, 1e-6)
         self.reach = reach
         rounding = self._rounding = 48.0 * (count + 2) * _ROUNDING * reach
         self.arrays = RobotBounds(
@@ -125,6 +126,8 @@ class CollisionBounds:
             joints=groups.joints,
             exposed=(groups.joints > 0).astype(np.int64),
             pairs=_without(groups.pairs, robot_covers.clear_pairs),
+            lower=robot.lower - BEYOND_LIMITS,
+            upper=robot.upper + BEYOND_LIMITS,
             levers=levers.astype(np.float32),
         )
 

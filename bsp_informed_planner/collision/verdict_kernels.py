@@ -29,11 +29,12 @@ LONGEST_INTERVAL = 0.1
 
 
 @kernel
-def is_finite(configuration: Floats) -> bool:
-    finite = True
-    for value in configuration:
-        finite &= bool(np.isfinite(value))
-    return finite
+def is_within(configuration: Floats, lower: Floats, upper: Floats) -> bool:
+    """Whether a configuration is within limits; False if it is not finite."""
+    within = True
+    for i in range(configuration.shape[0]):
+        within &= lower[i] <= configuration[i] <= upper[i]
+    return within
 
 
 @kernel
@@ -90,8 +91,8 @@ def hits_inner(checks: Checks, mode: np.int64) -> bool:
 
 @kernel
 def state_verdict(configuration: Floats, checks: Checks) -> int:
-    """FREE, COLLIDING or UNDECIDED: what is certain of a configuration (n,)."""
-    if not is_finite(configuration):
+    """FREE, COLLIDING or UNDECIDED: what is certain of a configuration (n,). Outside of the limits nothing is."""
+    if not is_within(configuration, checks.robot.lower, checks.robot.upper):
         return UNDECIDED
     scratch = checks.scratch
     place_robot(configuration, configuration, 0.0, 0.0, checks)
@@ -115,12 +116,12 @@ def state_verdicts(configurations: Floats, checks: Checks, verdicts: Indices) ->
         scratch.open[:] = 0
         for k in range(LANES):
             configuration = configurations[begin + min(k, lanes - 1)]
-            finite = is_finite(configuration)
+            within = is_within(configuration, checks.robot.lower, checks.robot.upper)
             if k < lanes:
                 verdicts[begin + k] = UNDECIDED
-                scratch.open[k] = 1 if finite else 0
+                scratch.open[k] = 1 if within else 0
             for joint in range(chain.places.shape[0]):
-                value = configuration[chain.places[joint]] if finite else 0.0
+                value = configuration[chain.places[joint]] if within else 0.0
                 if chain.prismatic[joint] == 0:
                     scratch.values[joint, k] = reduced_half(value)
                 else:
@@ -145,8 +146,8 @@ def state_verdicts(configurations: Floats, checks: Checks, verdicts: Indices) ->
 def edge_verdict(start: Floats, end: Floats, checks: Checks) -> int:
     """FREE, COLLIDING or UNDECIDED: what is certain of the straight edge from start to end, both (n,).
 
-    FREE: no state of the edge, continuously, is in collision. COLLIDING: some state is. Prismatic joints are within
-    their limits.
+    FREE: no state of the edge, continuously, is in collision. COLLIDING: some state is. Of edges that leave the limits
+    nothing is certain.
     """
     return examine_edge(start, end, checks, np.empty((0, 2)))[0]
 
@@ -164,7 +165,8 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tu
     Returns:
         the verdict, and the number of intervals written.
     """
-    if not (is_finite(start) and is_finite(end)):
+    lower, upper = checks.robot.lower, checks.robot.upper
+    if not (is_within(start, lower, upper) and is_within(end, lower, upper)):
         if left.shape[0] > 0:
             left[0, 0], left[0, 1] = 0.0, 1.0
         return UNDECIDED, min(left.shape[0], 1)
