@@ -298,10 +298,10 @@ def build_covers(
         open_ones = configurations[verdicts == UNDECIDED]
         return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
 
-    clear = find_clear_pairs(robot, groups, checks())
+    clear = find_clear_pairs(robot, groups, checks(), by_coal=True)
     pairs = _without(groups.pairs, clear)
     sharpen_close_pairs(robot, groups, builders, pairs, undecided, sharpening or SharpeningOptions())
-    clear = find_clear_pairs(robot, groups, checks())
+    clear = find_clear_pairs(robot, groups, checks(), by_coal=False)
     if progress is not None:
         progress(len(groups.members) + 1, len(groups.members) + 1)
     return covers()

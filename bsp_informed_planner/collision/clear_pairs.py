@@ -21,12 +21,12 @@ from bsp_informed_planner.scene.pose import FloatArray
 MOST_JOINTS, MOST_JOINTS_BY_COAL = 3, 2
 # Boxes that are looked at for a pair, and how small they become [m].
 BUDGET, FINEST = 200_000, 2e-4
-BUDGET_BY_COAL, FINEST_BY_COAL = 60_000, 1e-3
+BUDGET_BY_COAL, FINEST_BY_COAL = 20_000, 1e-3
 #: Joints may be that far beyond their limits [rad or m].
 BEYOND_LIMITS = 1e-3
 
 
-def find_clear_pairs(robot: Robot, groups: BodyGroups, checks: Checks) -> NDArray[np.int64]:
+def find_clear_pairs(robot: Robot, groups: BodyGroups, checks: Checks, by_coal: bool) -> NDArray[np.int64]:
     """Pairs of groups that never touch, in any configuration: proved, so that they need not be checked.
 
     Joints are within their limits, or little beyond.
@@ -35,15 +35,16 @@ def find_clear_pairs(robot: Robot, groups: BodyGroups, checks: Checks) -> NDArra
         robot: a robot.
         groups: of its bodies.
         checks: of it, without obstacles.
+        by_coal: whether those that are too close for the spheres are tried by coal, which takes seconds.
 
     Returns:
         (k, 2) those of `groups.pairs`.
     """
-    clear = [pair for pair in groups.pairs.tolist() if _is_clear(robot, groups, pair[0], pair[1], checks)]
+    clear = [pair for pair in groups.pairs.tolist() if _is_clear(robot, groups, pair[0], pair[1], checks, by_coal)]
     return np.array(clear, dtype=np.int64).reshape(-1, 2)
 
 
-def _is_clear(robot: Robot, groups: BodyGroups, first: int, second: int, checks: Checks) -> bool:
+def _is_clear(robot: Robot, groups: BodyGroups, first: int, second: int, checks: Checks, by_coal: bool) -> bool:
     chains = [
         {int(joint) - 1 for joint in robot.model.supports[int(groups.joints[group])] if joint > 0}
         for group in (first, second)
@@ -60,7 +61,9 @@ def _is_clear(robot: Robot, groups: BodyGroups, first: int, second: int, checks:
     levers = checks.robot.levers[carriers, joints].astype(np.float64) * (1.0 + 1e-6)
     if are_always_clear(first, second, joints, lower, upper, levers, FINEST, BUDGET, checks):
         return True
-    return len(joints) <= MOST_JOINTS_BY_COAL and PairProof(robot, groups, first, second, joints).holds(lower, upper)
+    if not by_coal or len(joints) > MOST_JOINTS_BY_COAL:
+        return False
+    return PairProof(robot, groups, first, second, joints).holds(lower, upper)
 
 
 class PairProof:

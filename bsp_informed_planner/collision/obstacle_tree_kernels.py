@@ -78,9 +78,7 @@ def shrink_parts(kinds: Indices, parts: Floats, by: float, nowhere: float) -> No
         elif kind == HALF_SPACE:
             part[3] += by
         elif kind == POLYTOPE:
-            part[5] -= by
-            if part[5] < 0.0:
-                part[2], part[5] = nowhere, 0.0
+            part[5] = max(part[5] - by, 0.0)
 
 
 @kernel

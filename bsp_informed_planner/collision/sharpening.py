@@ -24,7 +24,8 @@ class SharpeningOptions:
     """How much is done about links whose covers touch where they do not.
 
     Attributes:
-        rounds: times that configurations are tried.
+        rounds: times that configurations are tried at most.
+        enough: share of undecided configurations at which no further round is begun.
         configurations: tried in each round.
         most_tried: of these that are looked at closely.
         factor: by which protrusions shrink in each round.
@@ -32,7 +33,8 @@ class SharpeningOptions:
         most_balls: sharpened in each round, those first that are to blame most often.
     """
 
-    rounds: int = 3
+    rounds: int = 5
+    enough: float = 0.008
     configurations: int = 6000
     most_tried: int = 150
     factor: float = 0.5
@@ -71,9 +73,10 @@ def sharpen_close_pairs(
     rng = np.random.default_rng(seed)
     data = robot.model.createData()
     for _ in range(options.rounds):
-        tried = undecided(rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof)))[
-            : options.most_tried
-        ]
+        tried = undecided(rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof)))
+        if len(tried) <= options.enough * options.configurations:
+            break
+        tried = tried[: options.most_tried]
         leaves = [builder.leaves() for builder in builders]
         balls = [np.array([leaf.ball for leaf in group]) for group in leaves]
         blame: dict[tuple[int, int], int] = {}
