@@ -25,7 +25,7 @@ endif
 logged = mkdir -p $(LOGS) && { $(2) ; } > $(LOGS)/$(1).log 2>&1 || { tail -n 30 $(LOGS)/$(1).log >&2; \
 	echo "make: $(1) failed; the whole log is $(LOGS)/$(1).log" >&2; exit 1; }
 
-.PHONY: setup demo test lint clean help FORCE
+.PHONY: setup demo test lint docs clean help FORCE
 
 setup: $(STAMPS)/package $(STAMPS)/messages $(STAMPS)/kernels ## install everything into .venv (the default)
 
@@ -40,8 +40,12 @@ lint: setup ## ruff and mypy
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 
+docs: $(STAMPS)/docs-tools ## build the site of docs/ into build/site, and check its links
+	@$(BIN)/zensical build --strict --clean
+	@echo "docs: build/site/index.html"
+
 clean: ## remove .venv and all build results and caches
-	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .cache
 	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
 
 help: ## this list
@@ -104,6 +108,15 @@ $(STAMPS)/kernels: $(STAMPS)/package bsp_informed_planner/compiled.py \
 		$(shell find bsp_informed_planner -name '*kernels*.py' -o -name 'warm_up.py')
 	@echo "setup: compiling the kernels"
 	@$(call logged,kernels,$(BIN)/python -m bsp_informed_planner.compile_kernels)
+	@touch $@
+
+# What builds the site. It reads the sources and imports nothing of them: neither package nor dependencies are needed.
+$(STAMPS)/docs-tools: setup.py tools/requirements.py constraints.txt $(STAMPS)/venv
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11) and "make docs: needs Python 3.11 or newer")'
+	@$(BIN)/python tools/requirements.py --extras-only docs > $(STAMPS)/docs-requirements.txt
+	@echo "docs: installing the generator"
+	@$(call logged,docs-tools,$(BIN)/python -m pip install --no-input --disable-pip-version-check \
+		-r $(STAMPS)/docs-requirements.txt -c constraints.txt)
 	@touch $@
 
 FORCE:

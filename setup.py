@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,17 +13,21 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     description="Sampling-based motion planning informed by binary space partitioning, with ROS 2 nodes",
+    long_description=(Path(__file__).resolve().parent / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="bsp_informed_planner maintainers",
     maintainer_email="maintainers@example.org",
     python_requires=">=3.10,<3.14",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    # Weights of networks, with their cards, lie beside the modules that load them.
+    package_data={PACKAGE: ["py.typed", "**/*.npz", "**/*.safetensors", "**/*.json", "**/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{PACKAGE}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{PACKAGE}/config/sros2", sorted(glob("config/sros2/*.xml"))),
     ],
     zip_safe=False,
     install_requires=[
@@ -76,6 +81,8 @@ setup(
         "view": ["viser>=1.0,<2"],
         "test": ["hypothesis>=6.100,<7", "pytest>=8.2,<10", "python-fcl>=0.7.0.8,<0.8"],
         "lint": ["mypy>=1.11,<3", "ruff>=0.6,<1", "types-PyYAML>=6.0"],
+        # The site that `make docs` builds; from Python 3.11 on.
+        "docs": ["mkdocstrings-python>=2.0,<3", "zensical>=0.0.73,<0.1"],
     },
     entry_points={
         "console_scripts": [
@@ -83,6 +90,7 @@ setup(
             "decomposition_node = bsp_informed_planner.nodes.decomposition_node:main",
             "inference_node = bsp_informed_planner.nodes.inference_node:main",
             "planner_node = bsp_informed_planner.nodes.planner_node:main",
+            "moveit_bridge = bsp_informed_planner.nodes.moveit_bridge:main",
         ],
     },
 )

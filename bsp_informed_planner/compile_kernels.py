@@ -19,6 +19,8 @@ WARM_UPS: dict[str, str] = {
     "collision": "bsp_informed_planner.collision.warm_up:warm_up",
     "decomposition": "bsp_informed_planner.decomposition.warm_up:warm_up",
     "robots": "bsp_informed_planner.robots.warm_up:warm_up",
+    "planning": "bsp_informed_planner.planning.warm_up:warm_up",
+    "sampling": "bsp_informed_planner.sampling.warm_up:warm_up",
 }
 
 

@@ -15,13 +15,14 @@ Only kernel files import this module, since it imports numba.
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
 import inspect
 import logging
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -65,26 +66,74 @@ def kernel(function: Function | None = None, **options: Any) -> Function | Calla
 
 
 def _compiled(function: Function, options: dict[str, Any]) -> Function:
-    source = Path(inspect.getfile(function))
-    if not source.match(KERNEL_FILES):
-        raise ValueError(f"{function.__qualname__} is in {source.name}: kernels belong in files named {KERNEL_FILES}")
+    source = _kernel_file(function)
     arguments = {**_DEFAULTS, **options}
     folder = cache_folder(source)
     if folder is not None:
-        # NUMBA_CACHE_DIR is numba's documented way to place a cache. A dispatcher reads it when it is made.
-        with _config_lock:
-            previous = config.CACHE_DIR
-            config.CACHE_DIR = str(folder)
-            try:
-                dispatcher = numba.njit(cache=True, **arguments)(function)
-            finally:
-                config.CACHE_DIR = previous
+        with _caching_in(folder):
+            dispatcher = numba.njit(cache=True, **arguments)(function)
         stats = getattr(dispatcher, "stats", None)
         if stats is None or str(stats.cache_path).startswith(str(folder)):
             return dispatcher
         # NUMBA_CACHE_LOCATOR_CLASSES leads elsewhere, to a cache that could be outdated.
         logger.warning("numba puts its cache into %s: compiling %s in memory", stats.cache_path, function.__qualname__)
     return numba.njit(**arguments)(function)
+
+
+@contextlib.contextmanager
+def _caching_in(folder: Path) -> Iterator[None]:
+    """NUMBA_CACHE_DIR is numba's documented way to place a cache. It is read when a function is decorated."""
+    with _config_lock:
+        previous = config.CACHE_DIR
+        config.CACHE_DIR = str(folder)
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = previous
+
+
+class Callback:
+    """A function that kernels call by its address, compiled when that is first asked for.
+
+    A kernel's machine code holds that of all kernels it calls, and its compilation takes their time again. A large one
+    that many call is therefore better called by address.
+
+    Args:
+        function: defined in a file named `*kernels*.py`.
+        signature: of numba, of numbers and pointers. An exception inside returns 0.
+        options: of `numba.cfunc`.
+
+    Raises:
+        ValueError: see `kernel`.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: Any, **options: Any) -> None:
+        self._source = _kernel_file(function)
+        self._function = function
+        self._signature = signature
+        self._options = {"error_model": "numpy", **options}
+        self._lock = threading.Lock()
+        self._compiled: Any = None
+
+    @property
+    def address(self) -> int:
+        """Of the machine code, which lives as long as this does."""
+        with self._lock:
+            if self._compiled is None:
+                folder = cache_folder(self._source)
+                if folder is None:
+                    self._compiled = numba.cfunc(self._signature, **self._options)(self._function)
+                else:
+                    with _caching_in(folder):
+                        self._compiled = numba.cfunc(self._signature, cache=True, **self._options)(self._function)
+            return int(self._compiled.address)
+
+
+def _kernel_file(function: Callable[..., Any]) -> Path:
+    source = Path(inspect.getfile(function))
+    if not source.match(KERNEL_FILES):
+        raise ValueError(f"{function.__qualname__} is in {source.name}: kernels belong in files named {KERNEL_FILES}")
+    return source
 
 
 def cache_folder(source: Path) -> Path | None:

@@ -6,7 +6,14 @@ MoveIt error code, once. The text of an exception is a sentence that names the c
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
+
+
+def _like(name: str, known: Sequence[str]) -> str:
+    """ " (did you mean ...?)" with the known names that are most like a name; empty if none is."""
+    close = difflib.get_close_matches(name, known, n=2)
+    return f" (did you mean {' or '.join(repr(other) for other in close)}?)" if close else ""
 
 
 class BspPlannerError(Exception):
@@ -103,6 +110,25 @@ class SceneRevisionError(SceneError):
         super().__init__(f"scene revision {asked} was asked for, revision {available} is in force")
 
 
+class SceneEpochError(SceneError):
+    """A plan was asked for on a scene of another epoch: the decomposition node has been restarted in between.
+
+    Attributes:
+        asked: the epoch of the request.
+        available: the epoch in force; 0: none is known yet.
+    """
+
+    def __init__(self, asked: int, available: int) -> None:
+        self.asked = asked
+        self.available = available
+        super().__init__(
+            f"a scene of epoch {asked} was asked for, epoch {available} is in force: the decomposition node has been "
+            "restarted; publish the scene again"
+            if available > asked
+            else f"a scene of epoch {asked} was asked for, which has not been heard of (known: {available})"
+        )
+
+
 class UnknownFrameError(BspPlannerError):
     """A frame is neither the planning frame nor a frame of the robot.
 
@@ -117,7 +143,7 @@ class UnknownFrameError(BspPlannerError):
         self.frame = frame
         self.known = tuple(known)
         listed = ", ".join(self.known[:12]) + (", ..." if len(self.known) > 12 else "")
-        super().__init__(f"{of + ': ' if of else ''}unknown frame '{frame}' (known: {listed})")
+        super().__init__(f"{of + ': ' if of else ''}unknown frame '{frame}'{_like(frame, known)} (known: {listed})")
 
 
 # --- robot ---------------------------------------------------------------------------------------------------------
@@ -136,15 +162,17 @@ class UnsupportedJointError(RobotError):
 
     Attributes:
         joint: its name.
-        kind: e.g. "mimic", "floating".
+        kind: e.g. "a mimic of 'finger'", "floating".
+        lock: what would hold it still, as "NAME=VALUE"; empty if nothing would.
     """
 
-    def __init__(self, joint: str, kind: str) -> None:
+    def __init__(self, joint: str, kind: str, lock: str = "") -> None:
         self.joint = joint
         self.kind = kind
+        self.lock = lock
+        held = f"hold this one still (--lock {lock}, parameter locked_joints)" if lock else "make this one fixed"
         super().__init__(
-            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can "
-            "move; hold others still (--lock NAME=VALUE, parameter locked_joints)"
+            f"joint '{joint}' is {kind}: only revolute, continuous, prismatic and fixed joints can move; {held}"
         )
 
 
@@ -159,7 +187,8 @@ class UnknownJointError(RobotError):
     def __init__(self, joints: Sequence[str], known: Sequence[str]) -> None:
         self.joints = tuple(joints)
         self.known = tuple(known)
-        super().__init__(f"unknown joint(s) {', '.join(self.joints)}; the robot has {', '.join(self.known)}")
+        named = ", ".join(f"{joint}{_like(joint, known)}" for joint in self.joints)
+        super().__init__(f"unknown joint(s) {named}; the robot has {', '.join(self.known)}")
 
 
 # --- problem -------------------------------------------------------------------------------------------------------
@@ -271,6 +300,37 @@ class InvalidOptionError(BspPlannerError):
         super().__init__(f"{option} = {value!r}: expected {expected}")
 
 
+class UnsupportedRequestError(BspPlannerError):
+    """A message asks for something that this planner does not do, and that cannot be left out without harm.
+
+    Attributes:
+        field: of the message.
+        reason: what is not supported about it.
+    """
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field = field
+        self.reason = reason
+        super().__init__(f"{field}: {reason}")
+
+
+class UnknownParameterError(BspPlannerError):
+    """A node was given a parameter that it does not have.
+
+    Attributes:
+        name: of the parameter.
+        node: its name.
+        similar: parameters that it has and that may have been meant.
+    """
+
+    def __init__(self, name: str, node: str, similar: Sequence[str]) -> None:
+        self.name = name
+        self.node = node
+        self.similar = tuple(similar)
+        hint = f"; did you mean {' or '.join(self.similar)}?" if self.similar else ""
+        super().__init__(f"{node} has no parameter '{name}'{hint}")
+
+
 class UnknownPlannerError(BspPlannerError):
     """An unknown planner id.
 
@@ -283,6 +343,25 @@ class UnknownPlannerError(BspPlannerError):
         self.planner_id = planner_id
         self.known = tuple(known)
         super().__init__(f"unknown planner_id '{planner_id}' (known: {', '.join(self.known)})")
+
+
+class MissingPackageError(BspPlannerError):
+    """What was asked for needs a Python package that is not installed.
+
+    Attributes:
+        purpose: what it is needed for, e.g. "planner_id 'ompl_rrt_connect'".
+        package: its name.
+        extra: the extra of this package that brings it.
+    """
+
+    def __init__(self, purpose: str, package: str, extra: str) -> None:
+        self.purpose = purpose
+        self.package = package
+        self.extra = extra
+        super().__init__(
+            f"{purpose} needs the package '{package}', which is not installed: "
+            f"pip install 'bsp_informed_planner[{extra}]'"
+        )
 
 
 class UnknownSamplerError(BspPlannerError):
@@ -339,6 +418,20 @@ class PlanningCancelledError(PlanningFailedError):
         super().__init__("planning was cancelled")
 
 
+class PlannerProcessError(PlanningFailedError):
+    """The process in which a planner ran failed.
+
+    Attributes:
+        planner_id: what ran there.
+        reason: how it failed.
+    """
+
+    def __init__(self, planner_id: str, reason: str) -> None:
+        self.planner_id = planner_id
+        self.reason = reason
+        super().__init__(f"the worker process of '{planner_id}' {reason}")
+
+
 class QueueFullError(BspPlannerError):
     """More plans are asked for at once than may wait.
 
@@ -377,3 +470,91 @@ class KeypointsUnavailableError(BspPlannerError):
 
 class InvalidDecompositionError(BspPlannerError):
     """The arrays of a decomposition, e.g. of a received one, do not fit together."""
+
+
+# --- experience ----------------------------------------------------------------------------------------------------
+
+
+class DatasetError(BspPlannerError):
+    """A dataset of experience cannot be read or written.
+
+    Attributes:
+        path: its folder, or the file in it.
+        reason: what is wrong.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class DatasetMismatchError(DatasetError):
+    """A dataset is of another robot, dimension or collection than is needed.
+
+    Attributes:
+        what: in which they differ, e.g. "joints of the robot".
+        found: in the dataset.
+        expected: what is needed.
+    """
+
+    def __init__(self, path: str, what: str, found: object, expected: object) -> None:
+        self.what = what
+        self.found = found
+        self.expected = expected
+        super().__init__(path, f"{what}: the dataset has {found}, expected {expected}")
+
+
+# --- networks ------------------------------------------------------------------------------------------------------
+
+
+class ModelError(BspPlannerError):
+    """A model cannot be read or written.
+
+    Attributes:
+        path: its file.
+        reason: what is wrong.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class ModelMismatchError(BspPlannerError):
+    """A model is of another robot, dimension or kind than is needed.
+
+    Attributes:
+        model: its name.
+        what: in which they differ, e.g. "joints of the robot".
+        found: in the model's card.
+        expected: what is needed.
+    """
+
+    def __init__(self, model: str, what: str, found: object, expected: object) -> None:
+        self.model = model
+        self.what = what
+        self.found = found
+        self.expected = expected
+        super().__init__(f"model '{model}': {what}: its card has {found}, expected {expected}")
+
+
+class ModelUnavailableError(BspPlannerError):
+    """There is no model for a robot.
+
+    Attributes:
+        kinds: of models that would have done.
+        folder: where they were looked for.
+        robot: its name.
+    """
+
+    def __init__(self, kinds: Sequence[str], folder: str, robot: str) -> None:
+        self.kinds = tuple(kinds)
+        self.folder = folder
+        self.robot = robot
+        super().__init__(f"no model of kind {' or '.join(self.kinds)} for robot '{robot}' in {folder}")
+
+
+class TrainingError(BspPlannerError):
+    """A training cannot begin, go on, or be used; the text says why."""

@@ -23,23 +23,27 @@ def _nodes(context: LaunchContext) -> list[Node]:
     description = LaunchConfiguration("robot_description").perform(context)
     config = LaunchConfiguration("config").perform(context)
 
-    settings: dict[str, Any] = {
+    common: dict[str, Any] = {
         "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
         "autostart": ParameterValue(LaunchConfiguration("autostart"), value_type=bool),
     }
-    for name in ("robot", "frame_id"):
-        value = LaunchConfiguration(name).perform(context)
-        if value:
-            settings[name] = value
+    frame = LaunchConfiguration("frame_id").perform(context)
+    scene = {"frame_id": frame} if frame else {}
+    robot: dict[str, Any] = {}
+    name = LaunchConfiguration("robot").perform(context)
+    if name:
+        robot["robot"] = name
     semantic = LaunchConfiguration("robot_description_semantic").perform(context)
     if semantic:
         srdf = Path(semantic).expanduser().read_text(encoding="utf-8")
-        settings["robot_description_semantic"] = ParameterValue(srdf, value_type=str)
+        robot["robot_description_semantic"] = ParameterValue(srdf, value_type=str)
     if description:
         # As a plain string: the URDF must not be read as YAML.
         urdf = Path(description).expanduser().read_text(encoding="utf-8")
-        settings["robot_description"] = ParameterValue(urdf, value_type=str)
-    parameters: list[Any] = ([config] if config else []) + [settings]
+        robot["robot_description"] = ParameterValue(urdf, value_type=str)
+    files: list[Any] = [config] if config else []
+    # Each gets what it knows: a node refuses parameters that it does not have.
+    own = {"decomposition_node": scene, "inference_node": robot, "planner_node": robot}
 
     return [
         Node(
@@ -47,8 +51,11 @@ def _nodes(context: LaunchContext) -> list[Node]:
             executable=executable,
             name=executable,
             namespace=LaunchConfiguration("namespace"),
-            parameters=parameters,
+            parameters=[*files, {**common, **own[executable]}],
             output="screen",
+            # The lifecycle begins anew, so `autostart` counts.
+            respawn=LaunchConfiguration("respawn"),
+            respawn_delay=1.0,
         )
         for executable in EXECUTABLES
     ]
@@ -78,6 +85,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "autostart", default_value="true", description="let the nodes configure and activate themselves"
             ),
+            DeclareLaunchArgument("respawn", default_value="true", description="start a node again that has crashed"),
             OpaqueFunction(function=_nodes),
         ]
     )

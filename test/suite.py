@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from bsp_informed_planner.nodes.client import SuiteClient
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
-from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode
+from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, spin
 from bsp_informed_planner.nodes.planner_node import PlannerNode
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
@@ -59,7 +59,7 @@ class Suite:
         self._clients: list[tuple[SuiteClient, Node]] = []
 
     def _spin(self) -> None:
-        self.executor.spin()
+        spin(self.executor)
 
     def add(self, kind: Callable[..., PlannerSuiteNode], **parameters: object) -> PlannerSuiteNode:
         """Start a node."""

@@ -89,6 +89,17 @@ def test_forward_kinematics_is_pinocchios(arm: ArmRobot) -> None:
             np.testing.assert_allclose(arm.forward_matrix(configuration, frame), expected, atol=1e-12)
 
 
+def test_reference_points_are_the_origins_of_the_tool(arm: ArmRobot) -> None:
+    states = np.random.default_rng(1).uniform(arm.lower, arm.upper, (20, 6))
+    points = arm.reference_points(states)
+    for state, point in zip(states, points, strict=True):
+        assert np.allclose(arm.forward_kinematics(state).position, point, atol=1e-12)
+    assert arm.reference_points(np.empty((0, 6))).shape == (0, 3)
+    held = panda()
+    state = np.zeros((1, 7))
+    assert np.allclose(held.reference_points(state)[0], held.forward_kinematics(state[0]).position, atol=1e-12)
+
+
 def test_ur5_tool_at_home_is_where_the_manufacturer_puts_it(arm: ArmRobot) -> None:
     # DH parameters of the UR5: a2 = -0.425, a3 = -0.39225, d1 = 0.089159, d4 = 0.10915, d5 = 0.09465, d6 = 0.0823.
     position = arm.forward_kinematics(np.zeros(6)).position

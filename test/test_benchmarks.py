@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from bsp_informed_planner.benchmarks.benchmark import (
     generator,
 )
 from bsp_informed_planner.benchmarks.charts import legend, logarithmic, medians_with_spread, new_figure
-from bsp_informed_planner.benchmarks.machine import describe_machine, source_hash
+from bsp_informed_planner.benchmarks.machine import describe_machine, processors, source_hash
 from bsp_informed_planner.benchmarks.report import RequiredNumber, Section, markdown_table
 from bsp_informed_planner.benchmarks.row_file import RowFile
 from bsp_informed_planner.benchmarks.runner import run_benchmark
@@ -278,3 +280,25 @@ def test_command_runs_a_benchmark(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert "(at most 10) holds" in result.stdout
     results = json.loads((tmp_path / "results.json").read_text())
     assert (results["size"], results["seed"], len(results["parts"]["draws"]["rows"])) == ("quick", 3, 2)
+
+
+# --- processors of their own ---
+
+
+def _where(parameters: Parameters, rng: np.random.Generator) -> Row:
+    return {"allowed": processors(), "pid": os.getpid()}
+
+
+def _read(rows: list[Row], section: Section, rng: np.random.Generator) -> None:
+    section.text(" ".join(f"{row['pid']}:{','.join(map(str, row['allowed']))}" for row in rows))
+
+
+@pytest.mark.skipif(not processors(), reason="the system does not pin processes")
+def test_pinned_workers_have_a_processor_each(tmp_path: Path) -> None:
+    part = Part("where", "Where", [{}] * 8, _where, _read, Mode.PINNED)  # type: ignore[arg-type]
+    benchmark = Benchmark("test", "Title", "Introduction.", (part,), ("benchmarks",), _nothing)
+    assert run_benchmark(benchmark, BenchmarkArguments(out=tmp_path, workers=2), Console(quiet=True))
+    rows = re.findall(r"(\d+):([\d,]+)", (tmp_path / "report.md").read_text())
+    assert len(rows) == 8
+    assert all(re.fullmatch(r"\d+", allowed) for _, allowed in rows)
+    assert len({pid for pid, _ in rows}) == len({allowed for _, allowed in rows})

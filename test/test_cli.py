@@ -94,11 +94,11 @@ def test_decompose_counts_and_draws(maze_file: Path, tmp_path: Path) -> None:
     result = runner.invoke(app, ["decompose", str(maze_file), "--dimension", "2", "--json"])
     content = json.loads(result.stdout)
     assert content["free_cells"] >= len(content["cells"]) > 0
-    assert len(content["portals_of_cells"]) == content["portals"]
+    assert len(content["portal_polygons"]) == content["portals"]
     assert len(content["candidate_points"]) == content["candidates"]
 
 
-@pytest.mark.parametrize("command", ["demo", "nodes", "plan", "decompose"])
+@pytest.mark.parametrize("command", ["demo", "nodes", "plan", "decompose", "collect"])
 def test_every_command_explains_itself(command: str) -> None:
     result = runner.invoke(app, [command, "--help"], env={"COLUMNS": "200"})
     assert result.exit_code == 0
@@ -195,7 +195,7 @@ def test_a_node_that_dies_is_named(tmp_path: Path) -> None:
     parameters = {"planner_node": {"robot": "no-such-robot"}}
     environment = {"ROS_DOMAIN_ID": str(1 + os.getpid() % 90)}
     with NodeProcesses(parameters, environment=environment, log_dir=tmp_path) as processes:
-        with pytest.raises(NodeDiedError, match=r"planner_node has ended with status 1.*planner_node\.log"):
+        with pytest.raises(NodeDiedError, match=r"planner_node has ended with status 3.*planner_node\.log"):
             processes.wait()
         log = (tmp_path / "planner_node.log").read_text()
         assert "no-such-robot" in log

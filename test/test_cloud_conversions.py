@@ -22,13 +22,8 @@ from visualization_msgs.msg import Marker
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.errors import InvalidObstacleError, UnknownFrameError
 from bsp_informed_planner.nodes.cloud_conversions import cloud_points, cloud_to_msg
-from bsp_informed_planner.nodes.scene_conversions import (
-    diff_from_msg,
-    point_cloud_from_msg,
-    pose_to_msg,
-    scene_from_msg,
-    scene_to_msg,
-)
+from bsp_informed_planner.nodes.obstacle_conversions import point_cloud_from_msg, pose_to_msg
+from bsp_informed_planner.nodes.scene_conversions import diff_from_msg, scene_from_msg, scene_to_msg
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import Box, PointCloud

@@ -17,7 +17,8 @@ from bsp_informed_planner.compiled import KERNEL_FILES, kernel, package_root, so
 
 PACKAGE = Path(bsp_informed_planner.__file__).parent
 # What kernel files may import: whatever else they read would not be covered by the hash of their sources.
-ALLOWED_IMPORTS = {"__future__", "collections.abc", "math", "numba", "numpy", "numpy.typing", "typing"}
+ALLOWED_IMPORTS = {"__future__", "collections.abc", "math", "numpy", "numpy.typing", "typing"}
+ALLOWED_IMPORTS |= {"numba", "numba.core", "numba.extending", "numba.np.arrayobj"}
 ALLOWED_MODULES = {"bsp_informed_planner.compiled", "bsp_informed_planner.decomposition.array_types"}
 
 SCRIPT = """

@@ -16,6 +16,7 @@ from bsp_informed_planner.scene.convex_polytope import (
     cut,
     hull_polytope,
     prism,
+    thickened,
 )
 from bsp_informed_planner.scene.pose import Pose
 
@@ -196,3 +197,16 @@ def test_arrays_are_read_only() -> None:
     for polytope in (box_polytope([1, 1, 1]), hull_polytope(box_polytope([1, 1, 1]).vertices)):
         for array in (polytope.vertices, polytope.planes, *polytope.faces):
             assert not array.flags.writeable
+
+
+@given(poses, st.floats(1e-7, 1e-3))
+def test_thin_bodies_are_thickened(pose: Pose, height: float) -> None:
+    thin = box_polytope((0.3, 0.2, height), pose)
+    assert thickened(thin, 0.9 * height) is thin
+    thick = thickened(thin, 2e-3)
+    assert thick.distance(thick.vertices).max() <= 1e-9
+    assert thick.contains(thin.vertices).all()
+    widths = thick.planes[:, 3] - (thick.vertices @ thick.planes[:, :3].T).min(axis=0)
+    assert widths.min() >= 2e-3
+    # A corner moves by half the diagonal of the cube.
+    assert thin.distance(thick.vertices).max() <= 1e-3 * np.sqrt(3.0) + 1e-9

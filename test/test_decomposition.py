@@ -25,6 +25,7 @@ from polytope_checks import assert_valid
 from random_scenes import CUBE, boxes_scene, signed_distance
 
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
+from bsp_informed_planner.decomposition.graph import has_line_of_sight
 from bsp_informed_planner.decomposition.options import BspOptions, DecompositionOptions
 from bsp_informed_planner.errors import InvalidDecompositionError, InvalidOptionError
 from bsp_informed_planner.scene.maze import clearance, random_maze
@@ -192,6 +193,35 @@ def test_thin_plate_does_not_vanish() -> None:
     for obstacles in ([plate], [plate, Obstacle.of("block", Box(np.full(3, 0.3)), Pose.from_xyz_rpy([0, 0, -0.15]))]):
         decomposition = decompose(Scene.of(obstacles, CUBE))
         assert not decomposition.is_free(np.array([[0.4, 0.4, 0.0]]))[0]
+
+
+def test_thin_plates_among_nearly_coplanar_facets_do_not_vanish() -> None:
+    """Neither side of a plate moves inwards beyond the other, whatever planes there are nearby."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        thickness = 10.0 ** rng.uniform(-7, -4)
+        obstacles = [Obstacle.of("plate", Box(np.array([0.5, thickness, 0.5])), Pose.from_xyz_rpy([-0.5, 0, 0]))]
+        for k, offset in enumerate(rng.uniform(-1.2e-4, 1.2e-4, 3)):
+            pose = Pose.from_xyz_rpy([0.5, offset + rng.choice([-0.05, 0.05]), -0.9 + 0.4 * k])
+            obstacles.append(Obstacle.of(f"wall{k}", Box(np.array([0.9, 0.1, 0.3])), pose))
+        decomposition = decompose(Scene.of(obstacles, CUBE))
+        assert not has_line_of_sight(decomposition, [-0.5, -0.5, 0.0], [-0.5, 0.5, 0.0])
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-6, 1e-5])
+@pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.3, 0.4, 0.5)])
+def test_tiny_obstacles_neither_vanish_nor_fill_the_workspace(size: float, rpy: tuple[float, float, float]) -> None:
+    shapes: list[Shape] = [
+        Box(np.full(3, size)), Box(np.array([size, size, 0.5])), Sphere(size), Cylinder(size, 0.5), Cone(0.5, size)
+    ]  # fmt: skip
+    for shape in shapes:
+        for place in ([0.0, 0.0, 0.0], [0.3, 0.2, 0.1]):
+            scene = Scene.of([Obstacle.of("tiny", shape, Pose.from_xyz_rpy(place, rpy))], CUBE)
+            decomposition = decompose(scene)
+            assert not decomposition.is_free([place])[0]
+            corners = 0.9 * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+            assert decomposition.is_free(corners).all()
+            assert_cells_fill_the_workspace(decomposition)
 
 
 def test_obstacles_at_the_walls_of_the_workspace() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from random_scenes import CUBE, boxes_scene, signed_distance
 from rich.console import Console
+from scipy.sparse import coo_array
 
 from bsp_informed_planner.benchmarks.benchmark import Benchmark, BenchmarkArguments, Mode, generator
 from bsp_informed_planner.benchmarks.decomposition import checks, growth, moving, properties, search
@@ -27,6 +28,7 @@ from bsp_informed_planner.benchmarks.decomposition.scenes import (
 )
 from bsp_informed_planner.benchmarks.octree import Octree, octree_of
 from bsp_informed_planner.benchmarks.octree_kernels import FREE
+from bsp_informed_planner.benchmarks.report import Section
 from bsp_informed_planner.benchmarks.runner import run_benchmark
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -306,6 +308,28 @@ def test_explicit_graph_joins_start_and_goal_in_one_cell() -> None:
     graph = search.explicit_graph(decomposition, np.zeros(3), np.array([0.5, 0.0, 0.0]), 0.5)
     assert graph.shape == (2, 2)
     assert graph[0, 1] == graph[1, 0] == 0.5
+
+
+def test_all_searches_find_the_same_cost() -> None:
+    pytest.importorskip(search.RUSTWORKX)
+    for family in search.FAMILIES[:2]:
+        row = search.measure({"family": family}, np.random.default_rng(1))
+        assert row["difference"] < search.SAME_COST
+        assert row["rustworkx_difference"] < search.SAME_COST
+        assert 0.0 < row["writing"] < row["rustworkx_writing"]
+    matrix = coo_array(([1.0, 2.0, 5.0], ([0, 1, 0], [1, 2, 2])), shape=(4, 4)).tocsr()
+    graph = search.rustworkx_graph(matrix)
+    assert search.rustworkx_cost(graph, 0, 2) == 3.0
+    assert search.rustworkx_cost(graph, 0, 3) == np.inf
+
+
+def test_search_without_rustworkx_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "RUSTWORKX", "no_such_graph_library")
+    rng = np.random.default_rng(0)
+    rows = [search.measure({"family": "mazes"}, rng)]
+    section = Section("search")
+    search.summarise(rows, section, rng)
+    assert "not installed" in " ".join(section.blocks)
 
 
 def test_cells_too_thin_for_a_polytope_have_none() -> None:

@@ -9,13 +9,13 @@ from random_scenes import CUBE, boxes_scene
 from bsp_informed_planner.decomposition.box_batch import placed_boxes
 from bsp_informed_planner.decomposition.clipping_kernels import BOUNDS_PLANES
 from bsp_informed_planner.decomposition.facet_set import FacetSet
-from bsp_informed_planner.decomposition.facets import PartitionFacets, partition_facets, read_facets
+from bsp_informed_planner.decomposition.facets import THINNEST, PartitionFacets, partition_facets, read_facets
 from bsp_informed_planner.decomposition.options import BspOptions, DecompositionOptions
 from bsp_informed_planner.errors import InvalidObstacleError
 from bsp_informed_planner.scene.polytopes import box_polytope, cross_section, polytopes_of_obstacle, prism
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene
-from bsp_informed_planner.scene.shapes import Box, ConvexMesh, Sphere
+from bsp_informed_planner.scene.shapes import Box, ConvexMesh, Cylinder, HalfSpace, Sphere
 
 OPTIONS = DecompositionOptions()
 
@@ -155,6 +155,22 @@ def test_empty_scene_has_no_facets() -> None:
         assert facets.facet_count == 0
         assert facets.vertices.shape == (0, 3)
         assert facets.loop_offsets.tolist() == facets.facet_offsets.tolist() == [0]
+
+
+def test_sections_beyond_the_workspace_meet_half_spaces() -> None:
+    wall = Obstacle.of("wall", HalfSpace(np.array([1.0, 0.0, 0.0]), 0.0))
+    for height in (0.0, 3.0):
+        options = DecompositionOptions(dimension=2, section_height=height)
+        facets = read_facets(Scene.of([wall], CUBE), options)
+        assert len(facets) == 1
+        assert facets.vertices[:, 0].max() == pytest.approx(0.0)
+
+
+def test_what_is_thin_is_thickened() -> None:
+    for shape in (Box(np.array([0.4, 0.4, 1e-8])), Cylinder(0.2, 1e-8)):
+        facets = read_facets(Scene.of([Obstacle.of("sheet", shape)], CUBE), OPTIONS)
+        assert np.ptp(facets.vertices[:, 2]) == pytest.approx(THINNEST, rel=1e-2)
+        assert facets.vertices[:, 0].max() < 0.4
 
 
 def test_obstacles_without_volume_are_named() -> None:

@@ -12,6 +12,7 @@ from matplotlib.image import imread
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.graph import shortest_chain
 from bsp_informed_planner.decomposition.options import DecompositionOptions
+from bsp_informed_planner.planning.growth import GrownTree, Growth
 from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot
@@ -23,6 +24,7 @@ from bsp_informed_planner.scene.shelf import ShelfScene, random_shelf
 from bsp_informed_planner.visualization import palette
 from bsp_informed_planner.visualization.figures import draw_arm_plan, draw_decomposition, draw_point_plan
 from bsp_informed_planner.visualization.overlay import spread
+from bsp_informed_planner.visualization.search_figure import draw_plane_samples, draw_plane_trees, tree_edges
 
 SIZE = (800, 450)
 PATH = np.array([[0.3, -1.6, 1.2, 0.4, 1.2, 0.0], [0.0, -1.4, 1.6, -0.2, 1.5, 0.0], [-0.4, -0.9, 1.3, -0.4, 1.5, 0.3]])
@@ -135,6 +137,30 @@ def test_point_plan_without_decomposition(tmp_path: Path) -> None:
     image = read(tmp_path / "plan.png")
     assert pixels_of(image, palette.PORTAL) == 0
     assert pixels_of(image, palette.START) > 50
+
+
+def test_samples_in_the_plane(tmp_path: Path) -> None:
+    maze = environment(1)
+    chain = np.stack((maze.start, 0.5 * (maze.start + maze.goal), maze.goal))
+    samples = np.random.default_rng(0).uniform(0.0, 1.0, (200, 2))
+    for count in (0, 200):
+        draw_plane_samples(tmp_path / f"{count}.png", maze.scene, chain, samples[:count], title="samples")
+    none, many = read(tmp_path / "0.png"), read(tmp_path / "200.png")
+    assert pixels_of(many, palette.GRAPH) > pixels_of(none, palette.GRAPH) + 1000
+    assert pixels_of(many, palette.KEYPOINT) > 100
+
+
+def test_trees_in_the_plane(tmp_path: Path) -> None:
+    maze = environment(1)
+    start = GrownTree(np.array([maze.start, maze.start + [0.0, 0.1], maze.start + [0.1, 0.0]]), np.array([-1, 0, 0]))
+    goal = GrownTree(np.array([maze.goal]), np.array([-1]))
+    np.testing.assert_allclose(tree_edges(start), [[start.nodes[1], start.nodes[0]], [start.nodes[2], start.nodes[0]]])
+    assert tree_edges(goal).shape == (0, 2, 2)
+    pixels = {}
+    for name, tree in (("root", goal), ("grown", start)):
+        draw_plane_trees(tmp_path / f"{name}.png", maze.scene, Growth(tree, goal, None, 3), title="trees")
+        pixels[name] = pixels_of(read(tmp_path / f"{name}.png"), palette.START)
+    assert pixels["grown"] > pixels["root"] + 100
 
 
 def test_decomposition_in_2d(tmp_path: Path) -> None:

@@ -20,9 +20,10 @@ from bsp_informed_planner.decomposition.graph import (
     cells_along,
     has_line_of_sight,
     shortest_chain,
+    visits_along,
 )
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.errors import KeypointsUnavailableError
+from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError
 from bsp_informed_planner.scene.maze import clearance, environment, is_visible, random_maze
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene
@@ -243,6 +244,11 @@ def test_reasons_of_failure() -> None:
         assert caught.value.reason == reason
     with pytest.raises(ValueError, match="expected"):
         shortest_chain(decomposition, [0.0, 0.0], free)
+    for weight in (-1.0, np.nan, np.inf):
+        with pytest.raises(InvalidOptionError):
+            shortest_chain(decomposition, free, free, clearance_weight=weight)
+    with pytest.raises(ValueError, match="not finite"):
+        cells_along(decomposition, [free, [0.0, np.nan, 0.0]])
 
 
 def test_keypoints_on_a_surface_are_not_in_the_obstacle() -> None:
@@ -282,6 +288,28 @@ def test_a_path_that_returns_shows_its_cell_twice() -> None:
     assert cells_along(decomposition, np.array([here, here])).tolist() == [cells[0]]
     with pytest.raises(ValueError, match="expected"):
         cells_along(decomposition, here)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 10))
+def test_visits_begin_where_the_polyline_enters_their_cells(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    decomposition = decompose(boxes_scene(rng, count, size=0.9))
+    polyline = rng.uniform(-1.2, 1.2, (5, 3))
+    cells, begins = visits_along(decomposition, polyline)
+    assert cells.tolist() == cells_along(decomposition, polyline).tolist()
+    assert begins[0] == 0.0
+    assert (np.diff(begins) >= 0.0).all()
+    # Between where one visit begins and the next, its cell is the one that is there.
+    for cell, first, last in zip(cells, begins, [*begins[1:], 4.0], strict=True):
+        position = 0.5 * (first + last)
+        segment = min(int(position), 3)
+        point = polyline[segment] + (position - segment) * (polyline[segment + 1] - polyline[segment])
+        if int(first) == int(last - 1e-12) and last - first > 1e-5:
+            assert decomposition.locate(point[None])[0] == cell
+    long, _ = visits_along(decomposition, polyline, shortest=0.3)
+    assert set(long) <= set(cells)
+    assert len(long) <= len(cells)
 
 
 def test_chains_visit_their_cells() -> None:

@@ -26,7 +26,7 @@ from bsp_informed_planner.decomposition.clearance_kernels import clearances
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.facets import read_facets
 from bsp_informed_planner.decomposition.graph import shortest_chain
-from bsp_informed_planner.decomposition.incremental import IncrementalDecomposer, same_obstacle
+from bsp_informed_planner.decomposition.incremental import IncrementalDecomposer
 from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
 from bsp_informed_planner.errors import InvalidObstacleError, InvalidOptionError
 from bsp_informed_planner.scene.diff import ObstacleOperation, SceneDiff, apply
@@ -271,15 +271,33 @@ def test_equal_obstacles_are_recognised() -> None:
     for _ in range(2):
         decomposer.decompose(boxes_scene(np.random.default_rng(0), 10))
     assert decomposer.replaced_cells == 0
-    one, other = (
-        Obstacle("o", ((shape, Pose.identity()),), Pose.from_xyz_rpy([x, 0.0, 0.0]))
-        for shape, x in ((Sphere(0.1), 0.0), (Sphere(0.1), 1e-9))
-    )
-    assert not same_obstacle(one, other)
-    assert same_obstacle(one, Obstacle.of("o", Sphere(0.1)))
-    assert not same_obstacle(one, Obstacle.of("o", Sphere(0.2)))
-    assert not same_obstacle(one, Obstacle.of("o", Box(np.full(3, 0.1))))
-    assert not same_obstacle(one, Obstacle("o", one.shapes + one.shapes))
+
+
+def test_scenes_sent_anew_and_changed_in_turn() -> None:
+    """Comparisons with what was sent, with what a change has left, and with a scene that came after a refused one."""
+    rng = np.random.default_rng(3)
+    decomposer = IncrementalDecomposer(None, ALWAYS)
+    scene = boxes_scene(rng, 12, size=0.5)
+    decomposer.decompose(scene)
+    sheet = ConvexMesh.__new__(ConvexMesh)
+    object.__setattr__(sheet, "vertices", np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
+    for step in range(40):
+        if step % 3 == 0:
+            scene = random_change(rng, scene, 0.5, True)
+        else:
+            scene = Scene.of([_anew(obstacle) for obstacle in scene.obstacles.values()], scene.bounds)
+        if step % 5 == 0:
+            refused = Scene.of([*map(_anew, scene.obstacles.values()), Obstacle.of("sheet", sheet)], scene.bounds)
+            with pytest.raises(InvalidObstacleError):
+                decomposer.decompose(refused)
+        decomposition = decomposer.decompose(scene)
+        assert (decomposer.replaced_cells == 0) == (step % 3 != 0) or not scene.obstacles
+        assert_clearances_are_distances(decomposition, scene, DecompositionOptions())
+
+
+def _anew(obstacle: Obstacle) -> Obstacle:
+    shapes = tuple((shape, Pose(pose.position, pose.quaternion)) for shape, pose in obstacle.shapes)
+    return Obstacle(obstacle.id, shapes, Pose(obstacle.pose.position, obstacle.pose.quaternion))
 
 
 def test_the_last_obstacle_goes_and_a_first_one_comes() -> None:

@@ -83,24 +83,6 @@ def test_inactive_nodes_refuse_to_work(suite: Suite) -> None:
     assert client.plan(point_request(scene_revision=client.revision), 10.0).error_code == ErrorCode.SUCCESS
 
 
-@pytest.mark.parametrize(
-    ("parameters", "said"),
-    [({"workers": 0}, "workers"), ({"sampler_id": "magic"}, "magic"), ({"robot": "r2d2"}, "r2d2")],
-)
-def test_bad_parameters_fail_the_transition(
-    suite: Suite, parameters: dict[str, object], said: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    from rclpy.parameter import Parameter
-
-    overrides = [Parameter(name, value=value) for name, value in {"robot": "point", **parameters}.items()]
-    node = PlannerNode(namespace=suite.namespace, parameter_overrides=overrides, context=suite.context)
-    assert not node.autostart()
-    assert said in capfd.readouterr().err
-    # Nothing is left behind.
-    assert not [topic for topic in (s.topic_name for s in node.subscriptions) if topic.endswith("/scene")]
-    node.destroy_node()
-
-
 def test_every_request_is_answered_when_the_node_is_cleaned_up(suite: Suite) -> None:
     suite.add_all(workers=1)
     clients = [suite.client() for _ in range(4)]

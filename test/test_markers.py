@@ -19,12 +19,15 @@ from bsp_informed_planner.planning.problem import CostHistory, PlanResult, Traje
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
+from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.maze import environment
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import Box, Cone, ConvexMesh, Cylinder, HalfSpace, Mesh, Sphere
 from bsp_informed_planner.visualization.cell_edges import cell_edges
 from bsp_informed_planner.visualization.markers import decomposition_markers, plan_markers
+from bsp_informed_planner.visualization.shape_triangles import RobotMeshes
+from bsp_informed_planner.visualization.swept_arm import GRID, CoarseRobot
 
 BOUNDS = WorkspaceBounds(np.full(3, -1.0), np.full(3, 1.0))
 TETRAHEDRON = 0.1 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -64,7 +67,11 @@ def plan(path: FloatArray, keypoints: FloatArray) -> PlanResult:
         cost=path_length(path),
         cost_history=CostHistory(),
         planner_id="anytime",
-        guidance=Guidance("keypoint_tube", (chain,) if len(keypoints) else ()),
+        guidance=Guidance(
+            "keypoint_tube",
+            (chain,) if len(keypoints) else (),
+            tube_sampler([path], 0.1, path.min(axis=0) - 1.0, path.max(axis=0) + 1.0) if len(keypoints) else None,
+        ),
         verification_resolution=0.005,
         scene_revision=1,
         certified=False,
@@ -147,7 +154,20 @@ def test_plan_markers_of_an_arm() -> None:
     array = plan_markers(robot, plan(path, keypoints))
     check_array(array, robot.root_frame)
     namespaces = by_namespace(array)
-    assert set(namespaces) == {"path", "waypoints", "keypoints", "start", "goal"}
+    assert set(namespaces) == {"path", "waypoints", "keypoints", "start", "goal", "samples", "swept_robot"}
+    assert len(namespaces["samples"][0].points) == 200
+    (swept,) = namespaces["swept_robot"]
+    assert swept.type == Marker.TRIANGLE_LIST
+    # Light, and where the robot is: at both ends, within the step of the grid.
+    triangles = xyz(swept).reshape(-1, 3, 3)
+    assert len(triangles) < 2000
+    meshes = RobotMeshes(robot)
+    for state in path[[0, -1]]:
+        low, high = (bound(meshes.at(state).points, axis=0) for bound in (np.min, np.max))
+        own = CoarseRobot(robot).at(state)
+        assert np.abs(own.min(axis=(0, 1)) - low).max() < 2 * GRID
+        assert np.abs(own.max(axis=(0, 1)) - high).max() < 2 * GRID
+        assert all((np.abs(triangles - triangle).max(axis=(1, 2)) < 1e-9).any() for triangle in own[:5])
     line = namespaces["path"][0]
     assert line.type == Marker.LINE_STRIP
     assert len(line.colors) == len(line.points)

@@ -52,6 +52,15 @@ def test_repeated_vertices_of_an_stl_file_do_not_matter() -> None:
     assert hull_polytope(part).volume == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("inverted", [False, True])
+def test_repeated_triangles_do_not_matter(inverted: bool) -> None:
+    """A surface that is drawn twice, or from both sides, still encloses a solid."""
+    mesh = box_mesh(np.ones(3))
+    again = mesh.triangles[:, ::-1] if inverted else mesh.triangles
+    (part,) = convex_parts(Mesh(mesh.vertices, np.concatenate((mesh.triangles, again))))
+    assert hull_polytope(part).volume == pytest.approx(1.0)
+
+
 def test_concave_mesh_is_covered_and_not_filled() -> None:
     mesh = bracket()
     parts = convex_parts(mesh)

@@ -13,7 +13,7 @@ from bsp_informed_planner.sampling.sampler import (
     UniformSampler,
     with_uniform_fraction,
 )
-from bsp_informed_planner.sampling.tube import SegmentTube, tube_sampler
+from bsp_informed_planner.sampling.tube import TubeSampler, tube_sampler
 
 LOWER, UPPER = np.array([-1.0, -2.0, 0.0]), np.array([1.0, 2.0, 3.0])
 
@@ -58,7 +58,7 @@ def test_uniform_fraction_is_a_chance(fraction: float) -> None:
 
 def test_tube_lies_around_its_segment() -> None:
     start, end = np.array([-0.5, 0.0, 1.0]), np.array([0.5, 1.0, 2.0])
-    samples = SegmentTube(start, end, 0.05, LOWER, UPPER).sample(np.random.default_rng(0), 4000)
+    samples = TubeSampler(start[None], end[None], 0.05, LOWER, UPPER).sample(np.random.default_rng(0), 4000)
     direction = (end - start) / np.linalg.norm(end - start)
     along = (samples - start) @ direction
     across = samples - start - along[:, None] * direction

@@ -2,66 +2,142 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from discs import DiscChecker
+from ball_scene import Balls
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bsp_informed_planner.errors import PlanningCancelledError
+from bsp_informed_planner.collision.verdict_calls_kernels import FREE
+from bsp_informed_planner.errors import InvalidOptionError, PlanningCancelledError
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.neighbour_kernels import nearest_rows
 from bsp_informed_planner.planning.path import interpolate, path_length, without_repeats
+from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.rrt_star import RrtStar
-from bsp_informed_planner.planning.sample_stream import SampleStream
+from bsp_informed_planner.planning.rrt_star import RrtStar, plan_rrt_star
+from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
-from bsp_informed_planner.planning.tree import Tree
+from bsp_informed_planner.planning.space import new_space
+from bsp_informed_planner.planning.subset_kernels import Space, draw_uniform
+from bsp_informed_planner.planning.tree import add, max_nodes, new_tree, nodes_and_parents, path_to_root
+from bsp_informed_planner.planning.tree_kernels import set_parent
+from bsp_informed_planner.sampling.informed import ProlateHyperspheroid
 from bsp_informed_planner.sampling.sampler import UniformSampler
 from bsp_informed_planner.scene.pose import FloatArray
 
 LOWER, UPPER = np.zeros(2), np.ones(2)
 START, GOAL = np.array([0.1, 0.5]), np.array([0.9, 0.5])
-# One disc in the middle: the shortest way around it is known.
+# One ball in the middle: the shortest way around it is known.
 RADIUS = 0.2
-ONE_DISC = DiscChecker(np.array([[0.5, 0.5]]), np.array([RADIUS]))
+ONE_BALL = Balls(np.array([[0.5, 0.5]]), np.array([RADIUS]))
 SHORTEST = 2.0 * (np.sqrt(0.4**2 - RADIUS**2) + RADIUS * (np.pi / 2.0 - np.arccos(RADIUS / 0.4)))
 
 
-def wall(gap: float) -> DiscChecker:
-    """A wall of discs at x = 0.5 with a gap of this width at y = 0.8."""
+def wall(gap: float) -> Balls:
+    """A wall of balls at x = 0.5 with a gap of this width at y = 0.8."""
     heights = np.arange(-0.05, 1.06, 0.02)
     heights = heights[np.abs(heights - 0.8) > 0.05 + gap / 2.0]
-    return DiscChecker(np.stack((np.full_like(heights, 0.5), heights), axis=1), np.full_like(heights, 0.05))
+    return Balls(np.stack((np.full_like(heights, 0.5), heights), axis=1), np.full_like(heights, 0.05))
 
 
-def assert_free(path: FloatArray, checker: DiscChecker, start: FloatArray, goals: FloatArray) -> None:
+def space_of(seed: int, goals: FloatArray = GOAL, start: FloatArray = START) -> Space:
+    return new_space(start, goals, LOWER, UPPER, np.random.default_rng(seed))
+
+
+def uniform_samples() -> SampleSource:
+    return SampleSource(2, np.random.default_rng(0))
+
+
+def assert_free(path: FloatArray, balls: Balls, start: FloatArray, goals: FloatArray) -> None:
     assert np.array_equal(path[0], start)
-    assert any(np.array_equal(path[-1], goal) for goal in goals)
-    assert all(checker.is_edge_free(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
+    assert any(np.array_equal(path[-1], goal) for goal in np.atleast_2d(goals))
+    assert all(balls.is_edge_free(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
+
+
+# --- trees and neighbours ---
 
 
 @given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.integers(0, 10**6)), min_size=1, max_size=60))
 def test_tree_costs_are_path_lengths_after_rewiring(entries: list[tuple[float, float, int]]) -> None:
-    tree = Tree(2)
-    tree.add(np.zeros(2))
-    for x, y, draw in entries:
-        tree.add(np.array([x, y]), draw % len(tree))
-    for node in range(1, len(tree)):
-        for parent in range(len(tree)):
-            through = tree.costs[parent] + np.linalg.norm(tree.nodes[node] - tree.nodes[parent])
+    weights = np.array([1.0, 2.0])
+    tree = new_tree(64, 2)
+    for number, (x, y, draw) in enumerate([(0.0, 0.0, 0), *entries]):
+        add(tree, np.array([[x, y]]), np.array([draw % number if number else -1]), np.zeros(1, np.bool_), weights)
+    for node in range(1, int(tree.size[0])):
+        for parent in range(int(tree.size[0])):
+            through = tree.costs[parent] + np.linalg.norm((tree.nodes[node] - tree.nodes[parent]) * weights)
             if through < tree.costs[node] - 1e-12:
-                tree.set_parent(node, parent)
-    for node in range(len(tree)):
-        assert tree.costs[node] == pytest.approx(path_length(tree.path_to_root(node)), abs=1e-9)
-        assert tree.nearest(tree.nodes[node]) <= node
+                set_parent(tree, node, parent, weights)
+    for node in range(int(tree.size[0])):
+        assert tree.costs[node] == pytest.approx(path_length(path_to_root(tree, node), weights), abs=1e-9)
+
+
+@settings(max_examples=40)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(1, 400),
+    dimension=st.integers(1, 7),
+    kind=st.sampled_from(["scattered", "in rows", "repeated"]),
+    most=st.integers(1, 20),
+    reach=st.sampled_from([0.2, np.inf]),
+)
+def test_neighbours_are_those_of_a_scan(
+    seed: int, count: int, dimension: int, kind: str, most: int, reach: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(size=(count, dimension))
+    if kind == "in rows":
+        points = np.sort(points, axis=0)
+    elif kind == "repeated":
+        points = np.round(points * 2.0) / 2.0
+    weights = rng.uniform(0.5, 2.0, dimension)
+    tree = new_tree(count, dimension)
+    add(tree, points, np.full(count, -1), np.zeros(count, np.bool_), weights)
+    query = rng.uniform(size=dimension)
+    rows, distances = np.empty(most, np.int64), np.empty(most)
+    found = nearest_rows(tree.neighbours, tree.nodes, query, weights, most, reach, rows, distances)
+    truth = np.linalg.norm((points - query) * weights, axis=1)
+    expected = np.sort(truth[truth <= reach])[:most]
+    assert found == len(expected)
+    assert np.allclose(distances[:found], expected)
+    assert np.allclose(truth[rows[:found]], distances[:found])
+    assert len(set(rows[:found].tolist())) == found
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1.001, 3.0))
+def test_uniform_samples_of_the_informed_subset_lie_in_it(seed: int, stretch: float) -> None:
+    rng = np.random.default_rng(seed)
+    start, goal = rng.uniform(size=(2, 3))
+    space = new_space(start, goal, np.full(3, -3.0), np.full(3, 4.0), rng)
+    space.bound[0] = stretch * np.linalg.norm(goal - start)
+    subset = ProlateHyperspheroid(start, goal, float(space.bound[0]) * (1.0 + 1e-9))
+    sample = np.empty(3)
+    for _ in range(20):
+        draw_uniform(space, sample)
+        assert subset.contains(sample)
+
+
+def test_informed_samples_are_spread_evenly() -> None:
+    """Against rejection from the box: first two moments."""
+    space = new_space(np.array([0.3, 0.3]), np.array([0.7, 0.5]), LOWER, UPPER, np.random.default_rng(0))
+    space.bound[0] = 0.6
+    drawn = np.empty((20_000, 2))
+    for row in drawn:
+        draw_uniform(space, row)
+    box = np.random.default_rng(1).uniform(size=(200_000, 2))
+    inside = box[ProlateHyperspheroid(space.ends[0], space.ends[1], 0.6).contains(box)]
+    assert np.allclose(drawn.mean(axis=0), inside.mean(axis=0), atol=0.005)
+    assert np.allclose(np.cov(drawn.T), np.cov(inside.T), atol=0.001)
+
+
+# --- RRT-Connect ---
 
 
 def test_rrt_connect_passes_a_narrow_gap() -> None:
-    checker = wall(gap=0.06)
-    budget = Budget(20.0, max_samples=20_000)
-    rng = np.random.default_rng(1)
-    search = RrtConnect(checker, START, GOAL[None], 0.1, budget)
-    path = search.solve(SampleStream(UniformSampler(LOWER, UPPER), rng, budget))
+    balls = wall(gap=0.06)
+    budget = Budget(60.0, max_samples=20_000)
+    path = RrtConnect(balls.verdicts(), space_of(1), 0.1).solve(uniform_samples(), budget)
     assert path is not None
-    assert_free(path, checker, START, GOAL[None])
+    assert_free(path, balls, START, GOAL)
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() <= 0.1 + 1e-9
     assert budget.samples > 0
 
@@ -70,19 +146,20 @@ def test_rrt_connect_takes_any_of_several_goals() -> None:
     # The first goal is walled in, so only the second can be reached.
     angles = np.linspace(0.0, 2.0 * np.pi, 40)
     ring = np.array([0.8, 0.8]) + 0.12 * np.stack((np.cos(angles), np.sin(angles)), axis=1)
-    checker = DiscChecker(ring, np.full(40, 0.03))
+    balls = Balls(ring, np.full(40, 0.03))
     goals = np.array([[0.8, 0.8], [0.9, 0.1]])
-    budget = Budget(10.0, max_samples=5000)
-    search = RrtConnect(checker, np.array([0.1, 0.1]), goals, 0.1, budget)
-    path = search.solve(SampleStream(UniformSampler(LOWER, UPPER), np.random.default_rng(0), budget))
+    trees = RrtConnect(balls.verdicts(), space_of(0, goals, np.array([0.1, 0.1])), 0.1)
+    path = trees.solve(uniform_samples(), Budget(60.0, max_samples=5000))
     assert path is not None
     assert np.array_equal(path[-1], goals[1])
 
 
 def test_a_free_chain_solves_the_problem_without_a_sample() -> None:
     chain = np.array([START, [0.5, 0.8], GOAL])
-    budget = Budget(5.0)
-    found = RrtConnect(wall(0.06), START, GOAL[None], 0.1, budget).seed([chain])
+    budget = Budget(60.0)
+    trees = RrtConnect(wall(0.06).verdicts(), space_of(0), 0.1)
+    trees.seed([chain])
+    found = trees.solve(uniform_samples(), budget)
     assert found is not None
     assert np.array_equal(found, chain)
     assert budget.samples == 0
@@ -90,74 +167,200 @@ def test_a_free_chain_solves_the_problem_without_a_sample() -> None:
 
 def test_a_blocked_chain_seeds_both_trees() -> None:
     blocked = np.array([START, [0.3, 0.8], [0.4, 0.6], [0.6, 0.6], [0.7, 0.8], GOAL])
-    search = RrtConnect(wall(0.06), START, GOAL[None], 0.1, Budget(5.0))
-    assert search.seed([blocked, blocked]) is None
-    assert len(search.start_tree) == 3
-    assert len(search.goal_tree) == 3
+    trees = RrtConnect(wall(0.06).verdicts(), space_of(0), 0.1)
+    trees.seed([blocked, blocked])
+    # Work for the chains alone.
+    assert trees.solve(uniform_samples(), Budget(60.0), effort=1) is None
+    for (nodes, parents), ahead in ((trees.start_tree(), blocked), (trees.goal_tree(), blocked[::-1])):
+        assert np.array_equal(nodes[:3], ahead[:3])
+        assert parents[:3].tolist() == [-1, 0, 1]
+
+
+def test_the_way_the_work_is_divided_makes_no_difference() -> None:
+    def solve(effort: int) -> tuple[FloatArray, int]:
+        trees = RrtConnect(wall(0.04).verdicts(), space_of(5), 0.1)
+        source, budget = uniform_samples(), Budget(60.0)
+        while True:
+            path = trees.solve(source, budget, effort=effort)
+            if path is not None:
+                return path, budget.samples
+
+    whole, parts = solve(1 << 40), solve(7)
+    assert np.array_equal(whole[0], parts[0])
+    assert whole[1] == parts[1]
+
+
+def test_the_judge_is_asked_about_what_the_bounds_leave_open() -> None:
+    """A start that touches the ball, as far as the bounds can tell."""
+    start = np.array([0.5 - RADIUS - 1e-7, 0.5])
+    verdicts = ONE_BALL.verdicts()
+    unsure = verdicts.of_states(np.array([start, GOAL])) != FREE
+    assert unsure.tolist() == [True, False]
+    asked: list[FloatArray] = []
+
+    def judge(a: FloatArray, b: FloatArray) -> bool:
+        asked.append(a.copy())
+        return ONE_BALL.is_edge_free(a, b)
+
+    trees = RrtConnect(verdicts, space_of(0, GOAL, start), 0.1, unsure)
+    path = trees.solve(uniform_samples(), Budget(60.0), ask=ASK_ALL, judge=judge)
+    assert path is not None
+    assert_free(path, ONE_BALL, start, GOAL)
+    assert any(np.array_equal(a, start) for a in asked)
+    # Without a judge the start cannot be left.
+    alone = RrtConnect(verdicts, space_of(0, GOAL, start), 0.1, unsure)
+    assert alone.solve(uniform_samples(), Budget(60.0, max_samples=300)) is None
 
 
 def test_budgets_end_searches() -> None:
     closed = wall(gap=-0.2)
-    budget = Budget(30.0, max_samples=100)
-    search = RrtConnect(closed, START, GOAL[None], 0.1, budget)
-    assert search.solve(SampleStream(UniformSampler(LOWER, UPPER), np.random.default_rng(0), budget)) is None
+    budget = Budget(60.0, max_samples=100)
+    assert RrtConnect(closed.verdicts(), space_of(0), 0.1).solve(uniform_samples(), budget) is None
     assert budget.samples == 100
-
-    cancelled = Budget(30.0, cancelled=lambda: True)
     with pytest.raises(PlanningCancelledError):
-        RrtStar(closed, START, GOAL[None], UniformSampler(LOWER, UPPER), LOWER, UPPER, 0.1, cancelled).solve(
-            np.random.default_rng(0)
-        )
+        RrtStar(closed.verdicts(), space_of(0), 0.1).solve(uniform_samples(), Budget(60.0, cancelled=lambda: True))
+
+
+def test_samples_that_are_not_finite_are_left_out() -> None:
+    class Broken:
+        def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
+            return np.full((count, 2), np.nan)
+
+    source = SampleSource(2, np.random.default_rng(0), Broken(), 0.0)
+    path = RrtConnect(wall(0.06).verdicts(), space_of(1), 0.1).solve(source, Budget(60.0))
+    assert path is not None
+    assert np.isfinite(path).all()
+
+
+# --- RRT* ---
 
 
 def test_rrt_star_comes_close_to_the_shortest_path() -> None:
-    budget = Budget(30.0, max_samples=4000)
-    search = RrtStar(ONE_DISC, START, GOAL[None], UniformSampler(LOWER, UPPER), LOWER, UPPER, 0.1, budget)
-    costs: list[float] = []
-    path = search.solve(np.random.default_rng(0), on_improvement=lambda _, cost: costs.append(cost))
+    tree = RrtStar(ONE_BALL.verdicts(), space_of(0), 0.1)
+    source, budget = uniform_samples(), Budget(60.0, max_samples=4000)
+    costs = []
+    while (found := tree.solve(source, budget)) is not None:
+        assert path_length(found) == pytest.approx(tree.best_cost)
+        costs.append(tree.best_cost)
+    path = tree.best_path()
     assert path is not None
-    assert_free(path, ONE_DISC, START, GOAL[None])
+    assert_free(path, ONE_BALL, START, GOAL)
     assert costs == sorted(costs, reverse=True)
-    assert path_length(path) == pytest.approx(costs[-1])
     assert SHORTEST <= path_length(path) <= 1.02 * SHORTEST
+    assert budget.samples == 4000
 
 
 def test_rewiring_is_what_makes_paths_short() -> None:
     def cost(rewire: bool) -> float:
-        budget = Budget(30.0, max_samples=1500)
-        search = RrtStar(
-            ONE_DISC, START, GOAL[None], UniformSampler(LOWER, UPPER), LOWER, UPPER, 0.1, budget, rewire=rewire
+        result = plan_rrt_star(
+            ONE_BALL.verdicts(),
+            START,
+            GOAL,
+            1500,
+            lower=LOWER,
+            upper=UPPER,
+            max_step=0.1,
+            rng=np.random.default_rng(3),
+            rewire=rewire,
         )
-        path = search.solve(np.random.default_rng(3))
-        assert path is not None
-        return path_length(path)
+        assert result.path is not None
+        return path_length(result.path)
 
     assert cost(True) < 0.95 * cost(False)
 
 
 def test_rrt_star_improves_a_known_path() -> None:
     detour = np.array([START, [0.1, 0.95], [0.9, 0.95], GOAL])
-    budget = Budget(30.0, max_samples=1500)
-    search = RrtStar(ONE_DISC, START, GOAL[None], UniformSampler(LOWER, UPPER), LOWER, UPPER, 0.1, budget)
-    search.insert_path(detour)
-    assert search.best_cost == pytest.approx(path_length(detour))
-    path = search.solve(np.random.default_rng(0))
+    tree = RrtStar(ONE_BALL.verdicts(), space_of(0), 0.1)
+    tree.insert_path(detour)
+    assert tree.best_cost == pytest.approx(path_length(detour))
+    tree.solve(uniform_samples(), Budget(60.0, max_samples=1500), gain=1.0)
+    path = tree.best_path()
     assert path is not None
-    assert_free(path, ONE_DISC, START, GOAL[None])
+    assert_free(path, ONE_BALL, START, GOAL)
     assert path_length(path) < 0.75 * path_length(detour)
+
+
+def test_fixed_sample_budgets_have_a_history() -> None:
+    """The experiments' entry: costs after each sample, the same for the same seed, whatever the sampler."""
+
+    def run(sampler: UniformSampler | None) -> list[float]:
+        result = plan_rrt_star(
+            ONE_BALL.verdicts(),
+            START,
+            GOAL,
+            800,
+            lower=LOWER,
+            upper=UPPER,
+            max_step=0.05,
+            rng=np.random.default_rng(7),
+            sampler=sampler,
+            uniform_fraction=0.5,
+        )
+        assert result.path is not None
+        assert result.costs[-1] == pytest.approx(path_length(result.path))
+        assert result.valid_samples <= 800
+        assert 0.0 < result.first_seconds <= result.seconds
+        return result.costs.tolist()
+
+    for sampler in (None, UniformSampler(LOWER, UPPER)):
+        costs = run(sampler)
+        assert len(costs) == 800
+        assert costs[0] == np.inf
+        assert costs == sorted(costs, reverse=True)
+        assert costs == run(sampler)
+
+
+def test_weights_change_what_is_short() -> None:
+    """A joint that is dear moves less."""
+    balls = Balls(np.array([[0.3, 0.55], [0.7, 0.45]]), np.array([0.1, 0.1]))
+    dear = np.array([1.0, 10.0])
+
+    def cost_if_dear(weights: FloatArray, max_step: float) -> float:
+        result = plan_rrt_star(
+            balls.verdicts(),
+            START,
+            GOAL,
+            5000,
+            lower=LOWER,
+            upper=UPPER,
+            max_step=max_step,
+            rng=np.random.default_rng(0),
+            weights=weights,
+        )
+        assert result.path is not None
+        assert_free(result.path, balls, START, GOAL)
+        assert result.costs[-1] == pytest.approx(path_length(result.path, weights))
+        return path_length(result.path, dear)
+
+    assert cost_if_dear(dear, 0.5) < 0.98 * cost_if_dear(np.ones(2), 0.1)
+
+
+def test_budgets_beyond_memory_are_refused() -> None:
+    with pytest.raises(InvalidOptionError, match=rf"samples = .*at most {max_nodes(2)}"):
+        plan_rrt_star(
+            ONE_BALL.verdicts(),
+            START,
+            GOAL,
+            10**9,
+            lower=LOWER,
+            upper=UPPER,
+            max_step=0.1,
+            rng=np.random.default_rng(0),
+        )
+
+
+# --- paths ---
 
 
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_shortcuts_never_lengthen_nor_collide(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    budget = Budget(10.0, max_samples=3000)
-    path = RrtConnect(ONE_DISC, START, GOAL[None], 0.08, budget).solve(
-        SampleStream(UniformSampler(LOWER, UPPER), rng, budget)
-    )
+    space, budget, verdicts = space_of(seed), Budget(60.0), ONE_BALL.verdicts()
+    path = RrtConnect(verdicts, space, 0.08).solve(uniform_samples(), budget)
     assert path is not None
-    shorter = shortcut(path, ONE_DISC, rng, budget, attempts=60)
-    assert_free(shorter, ONE_DISC, START, GOAL[None])
+    shorter = shortcut(path, verdicts, space, budget, attempts=60)
+    assert_free(shorter, ONE_BALL, START, GOAL)
     assert path_length(shorter) <= path_length(path) + 1e-9
     assert len(without_repeats(shorter)) == len(shorter)
 
@@ -167,4 +370,17 @@ def test_interpolation_keeps_waypoints_and_step() -> None:
     states = interpolate(path, 0.1)
     assert np.linalg.norm(np.diff(states, axis=0), axis=1).max() <= 0.1 + 1e-12
     for waypoint in path:
-        assert (np.abs(states - waypoint).max(axis=1) < 1e-12).any()
+        assert (states == waypoint).all(axis=1).any()
+
+
+def test_trees_grow_beyond_their_first_memory() -> None:
+    trees = RrtConnect(wall(-0.2).verdicts(), space_of(0), 0.02)
+    assert trees.solve(uniform_samples(), Budget(60.0, max_samples=12_000)) is None
+    nodes, parents = trees.start_tree()
+    assert len(nodes) > 1024
+    assert trees.nodes == len(nodes) + len(trees.goal_tree()[0])
+    assert parents[0] == -1
+    assert (parents[1:] < np.arange(1, len(parents))).all()
+    tree = new_tree(4, 2)
+    add(tree, np.zeros((2, 2)), np.array([-1, 0]), np.zeros(2, np.bool_), np.ones(2))
+    assert nodes_and_parents(tree)[1].tolist() == [-1, 0]

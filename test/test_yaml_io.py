@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import bsp_informed_planner.scene.yaml_io as yaml_io
 from bsp_informed_planner.errors import InvalidObstacleError, InvalidWorkspaceError, SceneFormatError
 from bsp_informed_planner.scene.convex_polytope import box_polytope
+from bsp_informed_planner.scene.json_io import scene_from_json, scene_to_json
 from bsp_informed_planner.scene.maze import environment
 from bsp_informed_planner.scene.moveit_yaml import load_scene
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
@@ -78,6 +79,7 @@ def same_scene(one: Scene, two: Scene) -> bool:
 @settings(max_examples=60, deadline=None)
 def test_round_trip_is_exact(listed: list[Obstacle], revision: int) -> None:
     scene = Scene.of(listed, BOUNDS, "base link: 1", revision % 2**50)
+    assert same_scene(scene_from_json(scene_to_json(scene)), scene)
     assert same_scene(scene_from_yaml(scene_to_yaml(scene)), scene)
 
 
@@ -317,3 +319,17 @@ def test_mesh_files(tmp_path: Path, suffix: str) -> None:
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(SceneFormatError, match=r"nowhere\.yaml"):
         scene_from_yaml(tmp_path / "nowhere.yaml")
+
+
+def test_json_is_one_line_without_what_is_default() -> None:
+    scene = Scene.of([Obstacle.of("a", Sphere(0.5), Pose.from_xyz_rpy([1.0, 0.0, 0.0], [0.0, 0.0, 0.0]))], BOUNDS)
+    text = scene_to_json(scene)
+    assert "\n" not in text
+    assert text.count("pose") == 1
+    assert scene_to_json(scene_from_json(text)) == text
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": "bsp_informed_planner/scene/1"}'])
+def test_json_of_no_scene_is_refused(text: str) -> None:
+    with pytest.raises(SceneFormatError, match="row 7"):
+        scene_from_json(text, "row 7")

@@ -4,6 +4,7 @@ So that the dependencies can be installed without the package, and setup.py stay
 Standard library only: it runs before anything is installed.
 
     python tools/requirements.py ros test lint
+    python tools/requirements.py --extras-only docs
 """
 
 from __future__ import annotations
@@ -37,13 +38,16 @@ def read_setup(path: Path) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("extras", nargs="*", help="extras of setup.py")
-    names = parser.parse_args().extras
+    parser.add_argument("--extras-only", action="store_true", help="leave out what the package itself needs")
+    options = parser.parse_args()
+    names = options.extras
     arguments = read_setup(SETUP)
     extras = arguments["extras_require"]
     unknown = sorted(set(names) - set(extras))
     if unknown:
         raise SystemExit(f"setup.py has no extra {', '.join(unknown)}; it has {', '.join(sorted(extras))}")
-    requirements = set(arguments["install_requires"]).union(*(extras[name] for name in names))
+    runtime = [] if options.extras_only else arguments["install_requires"]
+    requirements = set(runtime).union(*(extras[name] for name in names))
     print("\n".join(sorted(requirements, key=str.lower)))
 
 

@@ -31,6 +31,7 @@ class Mode(Enum):
 
     ALONE = "one after the other in this process, with nothing of ours beside them: for times"
     FRESH = "each in a process of its own, one after the other: for memory"
+    PINNED = "in several worker processes, each on a processor of its own: for times of seconds"
     PARALLEL = "in several worker processes: for everything that is not a time"
 
 
@@ -42,7 +43,7 @@ class BenchmarkArguments:
         quick: whether a small number of cases will do.
         seed: of all cases.
         out: folder of the results.
-        workers: processes for the parts that are not times. Results do not depend on it.
+        workers: processes for the parts that need not run alone. Results other than times do not depend on it.
 
     Raises:
         InvalidOptionError: if the seed is negative or there are no workers.

@@ -94,9 +94,15 @@ def legend(axes: Axes) -> None:
     axes.legend(loc="best", fontsize=8.5, frameon=False, labelcolor=TEXT, ncols=math.ceil(len(handles) / 6))
 
 
-def legend_below(figure: Figure, axes: Axes) -> None:
-    """What colours mean in all panels, in a row below them."""
+def legend_below(figure: Figure, axes: Axes, columns: int | None = None) -> None:
+    """What colours mean in all panels, in one row below them, or in so many columns."""
     handles, names = axes.get_legend_handles_labels()
     figure.legend(
-        handles, names, loc="outside lower center", fontsize=9, frameon=False, labelcolor=TEXT, ncols=len(names)
+        handles,
+        names,
+        loc="outside lower center",
+        fontsize=9,
+        frameon=False,
+        labelcolor=TEXT,
+        ncols=columns or len(names),
     )

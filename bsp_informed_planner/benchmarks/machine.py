@@ -7,10 +7,12 @@ import importlib.metadata
 import os
 import platform
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[1]
-LIBRARIES = ("numpy", "scipy", "numba", "coal")
+LIBRARIES = ("numpy", "scipy", "numba", "coal", "ompl")
 
 
 def describe_machine() -> dict[str, str]:
@@ -23,6 +25,32 @@ def describe_machine() -> dict[str, str]:
         **{name: _version(name) for name in LIBRARIES},
         PACKAGE.name: _version(PACKAGE.name),
     }
+
+
+def processors() -> list[int]:
+    """Those that this process may run on; none where the system does not tell."""
+    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+
+
+def pin_to(processor: int, pids: Sequence[int] = (0,)) -> None:
+    """Keep processes, by default this one and those that it starts from now on, on one processor, where that can be."""
+    if hasattr(os, "sched_setaffinity"):
+        for pid in pids:
+            os.sched_setaffinity(pid, {processor})
+
+
+@contextmanager
+def pinned(pids: Sequence[int] = ()) -> Iterator[None]:
+    """Keeps this process and others meanwhile on one processor, the last one that they may run on."""
+    before = {pid: os.sched_getaffinity(pid) for pid in (0, *pids)} if processors() else {}
+    try:
+        if before:
+            pin_to(processors()[-1], tuple(before))
+        yield
+    finally:
+        for pid, allowed in before.items():
+            with suppress(ProcessLookupError):
+                os.sched_setaffinity(pid, allowed)
 
 
 def describe_load() -> str:

@@ -27,7 +27,7 @@ from bsp_informed_planner.benchmarks.benchmark import (
     Row,
     generator,
 )
-from bsp_informed_planner.benchmarks.machine import describe_load, describe_machine, source_hash
+from bsp_informed_planner.benchmarks.machine import describe_load, describe_machine, pin_to, processors, source_hash
 from bsp_informed_planner.benchmarks.report import Report, Section
 from bsp_informed_planner.benchmarks.row_file import RowFile
 from bsp_informed_planner.benchmarks.statistics import Estimate
@@ -124,13 +124,15 @@ def _run_part(
     seed = arguments.seed
     if part.mode is Mode.FRESH:
         for index in waiting:
-            with _pool(1, prepare) as pool:
+            with _pool(1, prepare, False) as pool:
                 store(index, pool.submit(_run_case, part.measure, part.name, seed, index, part.cases[index]).result())
-    elif part.mode is Mode.ALONE or arguments.workers == 1:
+    elif part.mode is Mode.ALONE or (arguments.workers == 1 and part.mode is Mode.PARALLEL):
         for index in waiting:
             store(index, _run_case(part.measure, part.name, seed, index, part.cases[index]))
     elif waiting:
-        with _pool(min(arguments.workers, len(waiting)), prepare) as pool:
+        pinned = part.mode is Mode.PINNED and len(processors()) > 0
+        most = min(arguments.workers, len(processors())) if pinned else arguments.workers
+        with _pool(min(most, len(waiting)), prepare, pinned) as pool:
             futures: dict[Future[Row], int] = {
                 pool.submit(_run_case, part.measure, part.name, seed, index, part.cases[index]): index
                 for index in waiting
@@ -148,10 +150,14 @@ def _run_case(measure: Measure, name: str, seed: int, index: int, parameters: Pa
 
 
 @contextmanager
-def _pool(workers: int, prepare: Callable[[], None]) -> Iterator[ProcessPoolExecutor]:
+def _pool(workers: int, prepare: Callable[[], None], pinned: bool) -> Iterator[ProcessPoolExecutor]:
     """Fresh processes (not forked ones: compiled code and threads do not survive a fork well)."""
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(prepare,))
+    free: Any = context.SimpleQueue()
+    for processor in processors()[-workers:] if pinned else ():
+        free.put(processor)
+    arguments = (prepare, free if pinned else None)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=arguments)
     try:
         yield pool
     finally:
@@ -159,9 +165,11 @@ def _pool(workers: int, prepare: Callable[[], None]) -> Iterator[ProcessPoolExec
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _start_worker(prepare: Callable[[], None]) -> None:
+def _start_worker(prepare: Callable[[], None], free_processors: Any) -> None:
     # Ctrl-C reaches all processes of a terminal; this one's parent ends it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if free_processors is not None:
+        pin_to(free_processors.get())
     prepare()
 
 

@@ -56,17 +56,32 @@ def median(values: ArrayLike, rng: np.random.Generator, resamples: int = RESAMPL
     Raises:
         ValueError: without values.
     """
-    return _bootstrap(values, lambda block: np.median(block, axis=1), rng, resamples)
+    return bootstrap(_vector(values), lambda block: np.median(block, axis=1), rng, resamples)
 
 
 def mean(values: ArrayLike, rng: np.random.Generator, resamples: int = RESAMPLES) -> Estimate:
     """The mean; see `median`."""
-    return _bootstrap(values, lambda block: block.mean(axis=1), rng, resamples)
+    return bootstrap(_vector(values), lambda block: block.mean(axis=1), rng, resamples)
 
 
 def quantile(values: ArrayLike, share: float, rng: np.random.Generator, resamples: int = RESAMPLES) -> Estimate:
     """The quantile below which a share of the values lies; see `median`."""
-    return _bootstrap(values, lambda block: np.quantile(block, share, axis=1), rng, resamples)
+    return bootstrap(_vector(values), lambda block: np.quantile(block, share, axis=1), rng, resamples)
+
+
+def quantile_with_failures(
+    values: ArrayLike, share: float, rng: np.random.Generator, resamples: int = RESAMPLES
+) -> Estimate:
+    """The least of the values that a share of them does not exceed; see `median`.
+
+    Failures are infinite: as long as fewer fail than the quantile leaves out, it does not matter how long they took.
+    """
+    return bootstrap(_vector(values), lambda block: order_quantile(block, share), rng, resamples)
+
+
+def order_quantile(block: FloatArray, share: float) -> FloatArray:
+    """Along the second axis of a block (r, n, ...), without interpolation: values may be infinite."""
+    return np.asarray(np.quantile(block, share, axis=1, method="inverted_cdf"))
 
 
 def share(successes: int, trials: int) -> Estimate:
@@ -122,22 +137,40 @@ def _slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray((dx * y).sum(axis=1) / (dx * dx).sum(axis=1))
 
 
-def _bootstrap(
-    values: ArrayLike,
+def bootstrap(
+    cases: FloatArray,
     statistic: Callable[[FloatArray], NDArray[np.float64]],
     rng: np.random.Generator,
-    resamples: int,
+    resamples: int = RESAMPLES,
 ) -> Estimate:
+    """Any statistic of cases that are resampled as wholes, e.g. of pairs; see `median`.
+
+    Args:
+        cases: (n, ...), n of at least 1.
+        statistic: of a block (r, n, ...), (r,) values, one for each of its samples.
+        rng: for resampling.
+        resamples: how many.
+
+    Raises:
+        ValueError: without cases.
+    """
+    if not len(cases):
+        raise ValueError("no values: expected at least 1")
+    rows = max(1, _BLOCK // cases.size)
+    found: list[FloatArray] = []
+    for begin in range(0, resamples, rows):
+        drawn = rng.integers(len(cases), size=(min(rows, resamples - begin), len(cases)))
+        found.append(statistic(cases[drawn]))
+    shares = [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE]
+    low, high = np.quantile(np.concatenate(found), shares, method="inverted_cdf")
+    return Estimate(float(statistic(cases[None])[0]), float(low), float(high))
+
+
+def _vector(values: ArrayLike) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or not len(array):
         raise ValueError(f"values of shape {array.shape}: expected (n,) with n of at least 1")
-    rows = max(1, _BLOCK // len(array))
-    found: list[FloatArray] = []
-    for begin in range(0, resamples, rows):
-        drawn = rng.integers(len(array), size=(min(rows, resamples - begin), len(array)))
-        found.append(statistic(array[drawn]))
-    low, high = np.quantile(np.concatenate(found), [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE])
-    return Estimate(float(statistic(array[None])[0]), float(low), float(high))
+    return array
 
 
 def column(rows: Sequence[Mapping[str, Any]], name: str) -> FloatArray:

@@ -17,7 +17,7 @@ SeedOption = Annotated[int, typer.Option(help="Of all random cases.", min=0)]
 OutOption = Annotated[
     Path | None, typer.Option(help="Folder of the results; default: out/benchmark-NAME. A rerun continues there.")
 ]
-WorkersOption = Annotated[int, typer.Option(help="Processes for parts that are no times.", min=1)]
+WorkersOption = Annotated[int, typer.Option(help="Processes for parts that need not run alone.", min=1)]
 
 
 @app.callback()
@@ -35,6 +35,61 @@ def decomposition(
 
     benchmark = decomposition_benchmark(quick)
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+
+
+@app.command()
+def networks(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    models: Annotated[
+        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+    ] = None,
+) -> None:
+    """Networks: keypoint chains and samples in unseen mazes, beside exact ones and those of other methods."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
+
+    benchmark = networks_benchmark(quick, None if models is None else str(models))
+    # Rows of other models are no rows of these.
+    folder = f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}")
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / folder, 1))
+
+
+@app.command()
+def nodes(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
+    """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark
+
+    benchmark = nodes_benchmark(quick)
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
+
+
+@app.command()
+def planning(
+    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
+) -> None:
+    """Planning: first verified paths and costs of an arm, against OMPL's planners and two controls."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.planning.benchmark import planning_benchmark
+
+    benchmark = planning_benchmark(quick)
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+
+
+@app.command()
+def soak(
+    minutes: Annotated[float, typer.Option(help="How long.", min=0.2, max=10_000.0)] = 30.0,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+) -> None:
+    """The nodes for a long time: requests, good and bad, and whether memory stays flat."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.nodes.soak import soak_benchmark
+
+    benchmark = soak_benchmark(minutes)
+    _run(benchmark, BenchmarkArguments(False, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
 
 
 @app.command()

@@ -9,21 +9,32 @@ from pathlib import Path
 
 import typer
 
+from bsp_informed_planner.cli.output_files import prepare_output
+from bsp_informed_planner.cli.pages import open_viewer, serve
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.scene.moveit_yaml import load_scene
+from bsp_informed_planner.scene.outside import outside_warning
 
 
-def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Path | None) -> int:
-    """Decompose a scene file, print, draw. Returns the exit status."""
-    if grid % 2 == 0:
-        raise InvalidOptionError("--grid", grid, "an odd number, so that the centre of each portal is a candidate")
+def run_decompose(
+    path: Path, options: DecompositionOptions, as_json: bool, png: Path | None, page: tuple[str, int] | None = None
+) -> int:
+    """Decompose a scene file, print, draw, serve a page at a host and port. Returns the exit status."""
+    if options.grid % 2 == 0:
+        expected = "an odd number, so that the centre of each portal is a candidate"
+        raise InvalidOptionError("--grid", options.grid, expected)
     scene = load_scene(path)
-    # Loading kernels is not what the times are about.
+    prepare_output("--png", png)
+    warning = outside_warning(scene)
+    if warning:
+        typer.echo(f"warning: {warning}", err=True)
+    # Loading kernels and libraries is not what the times are about.
     ensure_compiled()
-    result = decompose(scene, DecompositionOptions(dimension=dimension, grid=grid))
+    decompose(scene, options)
+    result = decompose(scene, options)
     counts = {
         "obstacles": len(scene.obstacles),
         "facets": result.facet_count,
@@ -50,8 +61,13 @@ def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Pat
         content = {
             **counts,
             **timings,
+            "frame": scene.frame,
+            "length_unit": "m",
+            "dimension": options.dimension,
+            "bounds": {"lower": scene.bounds.lower.tolist(), "upper": scene.bounds.upper.tolist()},
+            "warnings": [warning] if warning else [],
             "cells": cells,
-            "portals_of_cells": portals,
+            "portal_polygons": portals,
             "candidate_points": result.candidates.tolist(),
             "candidate_portals": result.candidate_portals.tolist(),
             "candidate_clearances": result.candidate_clearances.tolist(),
@@ -68,4 +84,10 @@ def run_decompose(path: Path, dimension: int, grid: int, as_json: bool, png: Pat
 
         draw_decomposition(png, scene, result)
         typer.echo(f"picture: {png}", err=True)
+    if page is not None:
+        from bsp_informed_planner.visualization.viewer.decomposition_page import show_decomposition
+
+        with open_viewer(f"{path.name}: cells, portals, keypoints", *page) as viewer:
+            show_decomposition(viewer, scene, result)
+            serve(viewer)
     return 0

@@ -18,6 +18,7 @@ from rich.table import Table
 
 from bsp_informed_planner.cli.node_processes import NodeProcesses
 from bsp_informed_planner.cli.nodes import suite_parameters
+from bsp_informed_planner.cli.output_files import prepare_output
 from bsp_informed_planner.cli.robots import RobotChoice, load_robot
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
@@ -57,8 +58,8 @@ def run_demo(seed: int, robot_name: str, seconds: float, out: Path) -> int:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=160)
-    out.mkdir(parents=True, exist_ok=True)
     picture = out / f"demo-{robot_name}-{seed}.png"
+    prepare_output("--out", picture)
     with console.status("loading the kernels (after a change of them: compiling, about a minute) ..."):
         # Once here, and not three times at once in the nodes.
         ensure_compiled()
@@ -91,7 +92,7 @@ def run_demo(seed: int, robot_name: str, seconds: float, out: Path) -> int:
                     f"published {len(problem.scene.obstacles)} obstacles on obstacle_scene: revision {revision}"
                 )
                 begin = time.monotonic()
-                request = request_for(problem, robot, seconds, seed, revision)
+                request = request_for(problem, robot, seconds, seed, client.epoch, revision)
                 response = client.plan(request, seconds=10.0)
                 answered = time.monotonic() - begin
                 graph = client.keypoint_graph

@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -17,6 +18,10 @@ from bsp_informed_planner.errors import BspPlannerError
 
 NODE_NAMES = ("decomposition_node", "inference_node", "planner_node")
 _GRACE_SECONDS = 5.0
+#: A node that ends more often than this within so many seconds is given up.
+MOST_RESTARTS, RESTART_WINDOW = 5, 60.0
+#: Exit status of a node that could not be configured, as `nodes.lifecycle` has it, which loads rclpy.
+CANNOT_START = 3
 _PR_SET_PDEATHSIG = 1
 
 
@@ -61,6 +66,7 @@ class NodeProcesses:
         self._environment = {**os.environ, **(environment or {})}
         self._log_dir = log_dir
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._restarts: dict[str, deque[float]] = {name: deque(maxlen=MOST_RESTARTS) for name in NODE_NAMES}
 
     def __enter__(self) -> NodeProcesses:
         try:
@@ -91,7 +97,7 @@ class NodeProcesses:
                 command, env=self._environment, start_new_session=True, preexec_fn=_die_with_parent
             )
         else:
-            with log.open("wb") as stream:
+            with log.open("ab") as stream:
                 self.processes[name] = subprocess.Popen(
                     command,
                     env=self._environment,
@@ -112,14 +118,43 @@ class NodeProcesses:
             if status is not None:
                 raise NodeDiedError(name, status, self.log(name))
 
-    def wait(self) -> None:
-        """Wait until one ends.
+    def revive(self) -> list[str]:
+        """Start those again that have crashed.
+
+        Returns:
+            their names.
 
         Raises:
-            NodeDiedError: naming it.
+            NodeDiedError: for one that could not start at all, or that ends again and again.
+        """
+        revived = []
+        for name, process in list(self.processes.items()):
+            status = process.poll()
+            if status is None:
+                continue
+            recent, now = self._restarts[name], time.monotonic()
+            if status == CANNOT_START or (len(recent) == MOST_RESTARTS and now - recent[0] < RESTART_WINDOW):
+                raise NodeDiedError(name, status, self.log(name))
+            recent.append(now)
+            self.start(name)
+            revived.append(name)
+        return revived
+
+    def wait(self, on_restart: Callable[[str], None] | None = None) -> None:
+        """Wait until one ends, or for ever if those that crash are started again.
+
+        Args:
+            on_restart: told the name of each; None: none is started again.
+
+        Raises:
+            NodeDiedError: naming the one that has ended for good.
         """
         while True:
-            self.check_alive()
+            if on_restart is None:
+                self.check_alive()
+            else:
+                for name in self.revive():
+                    on_restart(name)
             time.sleep(0.2)
 
     def stop(self) -> None:

@@ -14,6 +14,10 @@ from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.robots.robot import Robot
 
 
+def _say_restart(name: str) -> None:
+    typer.echo(f"{name} has ended by itself; it is started again", err=True)
+
+
 def suite_parameters(choice: RobotChoice, robot: Robot) -> dict[str, dict[str, object]]:
     """Parameters of the three nodes for one robot."""
     return {
@@ -23,8 +27,8 @@ def suite_parameters(choice: RobotChoice, robot: Robot) -> dict[str, dict[str, o
     }
 
 
-def run_nodes(choice: RobotChoice, namespace: str, params_file: Path | None) -> int:
-    """Run the three nodes until Ctrl-C, or until one of them ends. Returns the exit status."""
+def run_nodes(choice: RobotChoice, namespace: str, params_file: Path | None, restart: bool) -> int:
+    """Run the three nodes until Ctrl-C, or until one of them ends for good. Returns the exit status."""
     # Loaded here too: a description that cannot be used is better said at once than in the log of a node.
     robot = load_robot(choice)
     typer.echo(describe_robot(robot))
@@ -38,7 +42,7 @@ def run_nodes(choice: RobotChoice, namespace: str, params_file: Path | None) -> 
     try:
         with NodeProcesses(parameters, namespace=namespace, params_file=params_file) as processes:
             typer.echo(f"started {', '.join(processes.processes)} in ROS domain {domain}; Ctrl-C stops them")
-            processes.wait()
+            processes.wait(_say_restart if restart else None)
     except KeyboardInterrupt:
         return 0
     except NodeDiedError as error:

@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 import typer
 
+from bsp_informed_planner.cli.output_files import prepare_output
 from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
 from bsp_informed_planner.cli.scene_files import load_problem, numbers, pose_option
 from bsp_informed_planner.errors import BspPlannerError, InvalidStateError, PlanningFailedError, UnknownFrameError
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import Goal, JointGoal, PlanningProblem, PlanOptions, PlanResult, PoseGoal
+from bsp_informed_planner.robots.reference import load_reference
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.outside import outside_warning
 
 
 @dataclass(frozen=True)
@@ -27,10 +30,10 @@ class PlanArguments:
     start: str | None
     goal: str | None
     goal_pose: str | None
-    choice: RobotChoice
-    planner_id: str
-    sampler_id: str
-    seconds: float
+    choice: RobotChoice | None
+    planner_id: str | None
+    sampler_id: str | None
+    seconds: float | None
     first: bool
     seed: int | None
     json: bool
@@ -39,10 +42,15 @@ class PlanArguments:
 
 def run_plan(arguments: PlanArguments) -> int:
     """Plan, print, draw. Returns the exit status: 1 without a path, 2 for a problem that is none."""
-    robot = load_robot(arguments.choice)
+    prepare_output("--png", arguments.png)
+    loaded = load_problem(arguments.scene)
+    scene, start = loaded.scene, loaded.start
+    if arguments.choice is None and loaded.robot is not None:
+        robot = load_reference(loaded.robot)
+    else:
+        robot = load_robot(arguments.choice or RobotChoice("ur5"))
     if not arguments.json:
         typer.echo(describe_robot(robot))
-    scene, start, goal_states, goal_poses = load_problem(arguments.scene)
     if scene.frame != robot.root_frame:
         raise UnknownFrameError(
             scene.frame, [robot.root_frame], f"{arguments.scene}: `frame` must be the root link of the robot"
@@ -56,18 +64,12 @@ def run_plan(arguments: PlanArguments) -> int:
         goals.append(JointGoal(np.array(numbers("--goal", arguments.goal))))
     if arguments.goal_pose is not None:
         goals.append(PoseGoal(pose_option("--goal-pose", arguments.goal_pose)))
-    if not goals:
-        goals = [JointGoal(goal) for goal in goal_states] + [PoseGoal(pose) for pose in goal_poses]
-    options = PlanOptions(
-        planner_id=arguments.planner_id,
-        sampler_id=arguments.sampler_id,
-        allowed_seconds=arguments.seconds,
-        first_solution=arguments.first,
-        seed=arguments.seed,
-    )
+    options = _options(arguments, loaded.options)
     planner = Planner(robot, scene)
+    if warning := outside_warning(scene):
+        typer.echo(f"warning: {warning}", err=True)
     try:
-        result = planner.plan(PlanningProblem(start, goals), options)
+        result = planner.plan(PlanningProblem(start, goals or loaded.goals), options)
     except BspPlannerError as error:
         searched = isinstance(error, PlanningFailedError)
         if arguments.json:
@@ -82,6 +84,19 @@ def run_plan(arguments: PlanArguments) -> int:
     if arguments.png is not None:
         _draw(arguments.png, robot, planner, result)
     return 0
+
+
+def _options(arguments: PlanArguments, options: PlanOptions) -> PlanOptions:
+    """The options of the file, but for those of the command line."""
+    given = {
+        "planner_id": arguments.planner_id,
+        "sampler_id": arguments.sampler_id,
+        "allowed_seconds": arguments.seconds,
+        "first_solution": arguments.first or None,
+        "seed": arguments.seed,
+    }
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    return dataclasses.replace(options, **changes)
 
 
 def result_as_dict(result: PlanResult, robot: Robot) -> dict[str, Any]:

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.bounds import FINEST, CollisionBounds, bounds_of
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.check_arrays_kernels import Checks
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, edge_verdict, examine_edge, state_verdict
+from bsp_informed_planner.collision.holding import robot_in_scene
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
-# Intervals of an edge that are handed to the exact judge one by one; more are joined.
-MOST_INTERVALS = 64
+#: Edges of a path that are judged by the bounds at once.
+CHUNK = 256
+#: The exact judge gets pieces of an edge in which no point moves further than this, for the sake of patience [m].
+LONGEST_PIECE = 0.05
+#: Exact verdicts on edges that are remembered.
+MOST_REMEMBERED = 100_000
+
+
+def _always() -> bool:
+    return True
 
 
 class BoundedChecker:
@@ -27,9 +40,10 @@ class BoundedChecker:
     check found no collision down to intervals of `finest`.
 
     Attributes:
-        robot, scene, padding: as of `ExactChecker`.
+        robot: with what it holds in the scene.
+        scene, padding: as of `ExactChecker`.
         bounds: of the robot.
-        arrays: for kernels that go on from here, in this thread.
+        verdicts: of the bounds alone, for kernels too, in this thread.
         judge: the exact checker; made when it is first needed.
         finest: shortest interval of the proofs [m].
     """
@@ -51,13 +65,15 @@ class BoundedChecker:
         Raises:
             InvalidObstacleError: if a shape of an obstacle has no volume.
             InvalidOptionError: if the padding is negative, or `finest` is not positive.
+            UnknownFrameError: if a body is attached to a link that the robot does not have.
         """
+        robot = robot_in_scene(robot, scene)
         self.robot = robot
         self.scene = scene
         self.padding = float(padding)
         self.finest = float(finest)
         self.bounds = bounds_of(robot) if bounds is None else bounds
-        self.arrays: Checks = self.bounds.checks(scene, padding, finest)
+        self._arrays: Checks = self.bounds.checks(scene, padding, finest)
         self._shared = _Shared(robot, scene, self.padding)
         self._create_scratch()
 
@@ -65,13 +81,16 @@ class BoundedChecker:
         """All that must not be shared between threads."""
         self._judge: ExactChecker | None = None
         self._certifier: EdgeCertifier | None = None
-        self._left = np.empty((MOST_INTERVALS, 2))
+        self._known: dict[bytes, Verdict] = {}
+        # The bounds know of no link that may touch an obstacle.
+        sure_hits = not any(body in self.scene.obstacles for pair in self.scene.allowed_collisions for body in pair)
+        self.verdicts = Verdicts(self._arrays, sure_hits)
 
     def clone(self) -> BoundedChecker:
         """One of the same scene and robot, for another thread."""
         other = object.__new__(BoundedChecker)
         other.__dict__.update(self.__dict__)
-        other.arrays = self.bounds.for_thread(self.arrays)
+        other._arrays = self.bounds.for_thread(self._arrays)
         other._create_scratch()
         return other
 
@@ -100,7 +119,8 @@ class BoundedChecker:
         Raises:
             ValueError: if it has not n values, or one is not finite.
         """
-        verdict = state_verdict(self._checked(configuration), self.arrays)
+        configuration = self._checked(configuration)
+        verdict = self.verdicts.of_state(configuration)
         return verdict == FREE or (verdict != COLLIDING and self.judge.is_free(configuration))
 
     def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
@@ -113,37 +133,76 @@ class BoundedChecker:
         """
         return self.certify(start, end) is not Verdict.COLLIDING
 
-    def certify(self, start: FloatArray, end: FloatArray) -> Verdict:
-        """The verdict on the straight edge from start to end, both (n,).
+    def surely_free(self, configurations: FloatArray) -> NDArray[np.bool_]:
+        """(m,) which of the configurations (m, n) the bounds prove free."""
+        return self.verdicts.of_states(configurations) == FREE
+
+    def surely_free_edges(self, path: FloatArray) -> NDArray[np.bool_]:
+        """(m - 1,) which edges of a path (m, n) the bounds prove free."""
+        return self.verdicts.of_edges(path[:-1], path[1:]) == FREE
+
+    def certify(self, start: FloatArray, end: FloatArray, goes_on: Callable[[], bool] = _always) -> Verdict:
+        """The verdict on the straight edge from start to end, both (n,). It is remembered.
+
+        Args:
+            start, end: (n,).
+            goes_on: asked every few milliseconds; False ends the work, with COLLIDING.
 
         Raises:
             ValueError: as `is_free`.
         """
         start, end = self._checked(start), self._checked(end)
-        verdict, count = examine_edge(start, end, self.arrays, self._left)
-        if verdict == FREE:
+        key = start.tobytes() + end.tobytes()
+        verdict = self._known.get(key)
+        if verdict is None:
+            if len(self._known) >= MOST_REMEMBERED:
+                self._known.clear()
+            verdict = self._certified(start, end, goes_on)
+            if not goes_on():
+                return Verdict.COLLIDING
+            self._known[key] = verdict
+        return verdict
+
+    def _certified(self, start: FloatArray, end: FloatArray, goes_on: Callable[[], bool]) -> Verdict:
+        code, left = self.verdicts.of_edge(start, end)
+        if code == FREE:
             return Verdict.CERTIFIED
-        if verdict == COLLIDING:
+        if code == COLLIDING:
             return Verdict.COLLIDING
         worst = Verdict.CERTIFIED
-        for low, high in self._left[:count].tolist():
-            worst = max(worst, self.certifier.certify(start + low * (end - start), start + high * (end - start)))
-            if worst is Verdict.COLLIDING:
-                break
+        motion = float(self.robot.motion_radii @ np.abs(end - start))
+        for low, high in left.tolist():
+            pieces = max(math.ceil((high - low) * motion / LONGEST_PIECE), 1)
+            for piece in range(pieces):
+                first = low + (high - low) * piece / pieces
+                last = high if piece == pieces - 1 else low + (high - low) * (piece + 1) / pieces
+                # The ends to the bit: they are judged by themselves, too.
+                a = start if first <= 0.0 else start + first * (end - start)
+                b = end if last >= 1.0 else start + last * (end - start)
+                worst = max(worst, self.certifier.certify(a, b))
+                if worst is Verdict.COLLIDING or not goes_on():
+                    return worst
         return worst
 
-    def verdict(self, path: FloatArray) -> Verdict:
-        """The worst verdict on the edges of a path (m, n)."""
-        worst = Verdict.CERTIFIED if self.is_free(path[0]) else Verdict.COLLIDING
-        # Most collisions are found by the bounds, which take no time.
-        edges = list(zip(path[:-1], path[1:], strict=True))
-        if any(edge_verdict(self._checked(a), self._checked(b), self.arrays) == COLLIDING for a, b in edges):
-            return Verdict.COLLIDING
-        for start, end in edges:
-            if worst is Verdict.COLLIDING:
-                break
-            worst = max(worst, self.certify(start, end))
-        return worst
+    def edge_verdicts(self, path: FloatArray, goes_on: Callable[[], bool] = _always) -> list[Verdict]:
+        """The verdict on each edge of a path (m, n), up to the first in collision. `goes_on`: see `certify`."""
+        path = np.ascontiguousarray(path, dtype=np.float64)
+        verdicts: list[Verdict] = []
+        for first in range(0, len(path) - 1, CHUNK):
+            part = path[first : first + CHUNK + 1]
+            for index, code in enumerate(self.verdicts.of_edges(part[:-1], part[1:]).tolist()):
+                verdicts.append(
+                    Verdict.CERTIFIED if code == FREE else self.certify(part[index], part[index + 1], goes_on)
+                )
+                if verdicts[-1] is Verdict.COLLIDING:
+                    return verdicts
+        return verdicts
+
+    def verdict(self, path: FloatArray, goes_on: Callable[[], bool] = _always) -> Verdict:
+        """The worst verdict on the edges of a path (m, n). `goes_on`: see `certify`."""
+        if len(path) < 2:
+            return Verdict.CERTIFIED if self.is_free(path[0]) else Verdict.COLLIDING
+        return max(self.edge_verdicts(path, goes_on))
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
         """The names of two bodies that touch in a configuration: links and obstacle ids; None if it is free.
@@ -151,7 +210,7 @@ class BoundedChecker:
         Raises:
             ValueError: as `is_free`.
         """
-        if state_verdict(self._checked(configuration), self.arrays) == FREE:
+        if self.verdicts.of_state(self._checked(configuration)) == FREE:
             return None
         return self.judge.colliding_bodies(configuration)
 

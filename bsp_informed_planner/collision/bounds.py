@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.attached import base_of
 from bsp_informed_planner.collision.body_groups import BodyGroups, group_bodies
 from bsp_informed_planner.collision.check_arrays_kernels import (
     FRAME_ROWS,
@@ -31,10 +30,12 @@ from bsp_informed_planner.collision.cover import CoverBuilder, CoverOptions, Rob
 from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.cover_kernels import enclosing_ball
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import HoldingRobot
 from bsp_informed_planner.collision.obstacle_arrays import pack_obstacles
 from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen_close_pairs
 from bsp_informed_planner.collision.solids import body_of
-from bsp_informed_planner.collision.verdict_kernels import UNDECIDED, state_verdicts
+from bsp_informed_planner.collision.verdict_calls_kernels import UNDECIDED
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.motion_bound import axis_distances, joint_axes
 from bsp_informed_planner.robots.robot import Robot
@@ -199,7 +200,7 @@ _building = threading.Lock()
 def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds:
     """The bounds of a robot: those made before, from a file, or else built and kept in the user's cache.
 
-    If it carries bodies (`with_attached`), only these are new.
+    If it holds something (`robot_in_scene`), only the groups of what it holds are new.
 
     Building takes some ten seconds for an arm, once; it is logged.
 
@@ -214,11 +215,7 @@ def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds
 def _bounds_of(robot: Robot, progress: Progress | None) -> CollisionBounds:
     bounds = _known.get(robot)
     if bounds is None:
-        base = base_of(robot)
-        if base is not None:
-            covers = _extended(_bounds_of(base, progress), robot)
-        else:
-            covers = _kept_covers(robot, progress)
+        covers = _kept_covers(robot, progress)
         bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
     return bounds
 
@@ -230,14 +227,17 @@ def _kept_covers(robot: Robot, progress: Progress | None) -> RobotCovers:
     if covers is None:
         logger.info("building the collision bounds of %s", robot.name)
         begin = time.perf_counter()
-        covers = build_covers(robot, options, sharpening, progress)
+        if isinstance(robot, HoldingRobot):
+            covers = _extended(_bounds_of(robot.bare, progress), robot)
+        else:
+            covers = build_covers(robot, options, sharpening, progress)
         logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
         save_covers(key, covers)
     return covers
 
 
 def _extended(base: CollisionBounds, robot: Robot) -> RobotCovers:
-    """Covers of a robot that carries more than another: what they have in common is known."""
+    """Covers of a robot that holds something: what it has in common with the bare one is known."""
     places = {members: place for place, members in enumerate(base.groups.members)}
     groups = group_bodies(robot.collision_model)
     covers = []
@@ -293,8 +293,7 @@ def build_covers(
         return CollisionBounds(robot, groups, covers()).checks(nothing)
 
     def undecided(configurations: FloatArray) -> FloatArray:
-        verdicts = np.empty(len(configurations), dtype=np.int64)
-        state_verdicts(configurations, checks(), verdicts)
+        verdicts = Verdicts(checks()).of_states(configurations)
         open_ones = configurations[verdicts == UNDECIDED]
         return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
 

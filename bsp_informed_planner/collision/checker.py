@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bsp_informed_planner.scene.pose import FloatArray
 
 
@@ -28,6 +31,14 @@ class CollisionChecker(Protocol):
         States are checked so densely that no point of the robot moves further than `resolution` [m] from one to the
         next (default: the checker's). Both ends are checked too.
         """
+        ...
+
+    def surely_free(self, configurations: FloatArray) -> NDArray[np.bool_]:
+        """(m,) which of the configurations (m, n) are known to be free without much ado; `is_free` knows the rest."""
+        ...
+
+    def surely_free_edges(self, path: FloatArray) -> NDArray[np.bool_]:
+        """(m - 1,) which edges of a path (m, n) are known to be free without much ado; see `surely_free`."""
         ...
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:

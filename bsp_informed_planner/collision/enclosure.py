@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import coal
@@ -39,6 +40,7 @@ class EnclosedBodies:
         links: list[int],
         obstacles: list[int],
         link_pairs: list[tuple[int, int]],
+        may_touch: Callable[[int, int], bool] = lambda link, obstacle: False,
     ) -> None:
         """
         Args:
@@ -47,6 +49,7 @@ class EnclosedBodies:
             links: indices of the robot's moving geometries.
             obstacles: indices of the obstacles' geometries, which are solid and fixed in the root frame.
             link_pairs: indices of the robot's geometries that are checked against each other.
+            may_touch: whether a link may touch an obstacle, and so hold it inside.
         """
         self._model = model
         self._collision_model = collision_model
@@ -87,6 +90,8 @@ class EnclosedBodies:
             self._points[body] = int(item.parentJoint), points
             index = self._add(f"body/{body}", int(item.parentJoint), placement, probe)
             for link in fitting:
+                if may_touch(link, body):
+                    continue
                 if link not in boxes:
                     boxes[link] = self._add_box(link)
                 self._probes.addCollisionPair(pin.CollisionPair(boxes[link], index))

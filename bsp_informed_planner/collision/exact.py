@@ -9,10 +9,11 @@ from functools import cached_property, lru_cache
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.attached import body_name
 from bsp_informed_planner.collision.enclosure import EnclosedBodies
 from bsp_informed_planner.collision.geometry import add_scene, create_geometry_data
+from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
@@ -25,7 +26,8 @@ class ExactChecker:
     """Judges configurations and edges on the geometry itself. See `CollisionChecker`.
 
     Checked are the robot's own pairs of links and every moving link against every obstacle. Not checked are links
-    that no joint moves (the base stands on something) and obstacles among each other (objects stand on boards).
+    that no joint moves (the base stands on something), obstacles among each other (objects stand on boards), and pairs
+    that the scene allows to touch. Bodies that the robot holds count as links (`robot_in_scene`).
     Touching counts as collision.
 
     A broadphase of bounding boxes precedes the narrow phase. It is Pinocchio's naive one on purpose: with coal 3.0
@@ -34,7 +36,7 @@ class ExactChecker:
     Edges are checked at discrete states. An obstacle, or a gap, thinner than the resolution may slip between two.
 
     Attributes:
-        robot: whose configurations are checked.
+        robot: whose configurations are checked, with what it holds in the scene.
         scene: its obstacles, given in the robot's root frame.
         resolution: no point of the robot moves further from one checked state of an edge to the next, by default [m].
         padding: distance that links have to keep from obstacles, but not from each other [m].
@@ -52,13 +54,14 @@ class ExactChecker:
         _require_positive("resolution", resolution)
         if not 0.0 <= padding < math.inf:
             raise InvalidOptionError("padding", padding, "a distance of at least 0 m")
+        robot = robot_in_scene(robot, scene)
         self.robot = robot
         self.scene = scene
         self.resolution = float(resolution)
         self.padding = float(padding)
         self.collision_model = robot.collision_model.copy()
         links = range(robot.collision_model.ngeoms)
-        self._bodies = [body_name(robot, self.collision_model.geometryObjects[i]) for i in links]
+        self._bodies = [robot.model.frames[self.collision_model.geometryObjects[i].parentFrame].name for i in links]
         self._moving = [i for i in links if self.collision_model.geometryObjects[i].parentJoint > 0]
         self._self_pairs = len(self.collision_model.collisionPairs)
         self._obstacles = []
@@ -66,11 +69,17 @@ class ExactChecker:
             self._bodies.append(obstacle_id)
             self._obstacles.append(index)
             for link in self._moving:
-                self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
+                if not self._may_touch(link, index):
+                    self.collision_model.addCollisionPair(pin.CollisionPair(link, index))
         self._checks = 0
         self._model = robot.model
         own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
-        self._enclosed = EnclosedBodies(self._model, self.collision_model, self._moving, self._obstacles, own)
+        self._enclosed = EnclosedBodies(
+            self._model, self.collision_model, self._moving, self._obstacles, own, self._may_touch
+        )
+
+    def _may_touch(self, link: int, obstacle: int) -> bool:
+        return frozenset((self._bodies[link], self._bodies[obstacle])) in self.scene.allowed_collisions
 
     @cached_property
     def _data(self) -> pin.Data:
@@ -140,6 +149,15 @@ class ExactChecker:
         order = bisection_order(max(1, math.ceil(motion / resolution)))
         # A small body gets inside a link through its surface only: the ends have been checked for such.
         return not any(self._touches(state) for state in start + order[:, None] * difference)
+
+    def surely_free(self, configurations: FloatArray) -> NDArray[np.bool_]:
+        """(m,) `is_free` of the configurations (m, n)."""
+        return np.array([self.is_free(configuration) for configuration in configurations], dtype=np.bool_)
+
+    def surely_free_edges(self, path: FloatArray) -> NDArray[np.bool_]:
+        """(m - 1,) `is_edge_free` of the edges of a path (m, n)."""
+        edges = zip(path[:-1], path[1:], strict=True)
+        return np.array([self.is_edge_free(start, end) for start, end in edges], dtype=np.bool_)
 
     def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
         """The names of two bodies that touch in a configuration: links and obstacle ids; None if it is free.

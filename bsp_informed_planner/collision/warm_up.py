@@ -9,7 +9,6 @@ from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.bounds import CollisionBounds, build_covers
 from bsp_informed_planner.collision.cover import CoverOptions
 from bsp_informed_planner.collision.sharpening import SharpeningOptions
-from bsp_informed_planner.collision.verdict_kernels import state_verdicts
 from bsp_informed_planner.robots.arm import load_arm
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
@@ -34,6 +33,6 @@ def warm_up() -> None:
     checker = BoundedChecker(arm, scene, bounds=bounds)
     states = np.zeros((2, 3))
     states[1] = 1.0
-    state_verdicts(states, checker.arrays, np.zeros(2, dtype=np.int64))
+    checker.surely_free(states)
     checker.is_free(states[0])
     checker.verdict(states)

@@ -99,12 +99,13 @@ def candidates_of_changed_portals(
     margin: float,
     minimum_width: float,
     cap: float,
-    gone_vertices: Floats,
-    gone_vertex_offsets: Indices,
-    gone_loops: Indices,
-    gone_loop_offsets: Indices,
-    gone_planes: Floats,
-    gone_facet_offsets: Indices,
+    is_gone: Flags,
+    former_vertices: Floats,
+    former_vertex_offsets: Indices,
+    former_loops: Indices,
+    former_loop_offsets: Indices,
+    former_planes: Floats,
+    former_facet_offsets: Indices,
     added_vertices: Floats,
     added_vertex_offsets: Indices,
     added_loops: Indices,
@@ -124,8 +125,9 @@ def candidates_of_changed_portals(
         old_corners, ...: of the former decomposition, see `join_portals`.
         corners, offsets, cells, partitions: new portals.
         node_planes, columns, rows, horizontal, margin, minimum_width: see `place_candidates`; cap: see `clearances`.
-        gone_vertices, ..., added_vertices, ..., vertices, ...: polytopes that are gone, that are new, and all that
-            there are now, see `FacetSet`.
+        is_gone: (b,) which of the former polytopes are gone.
+        former_vertices, ..., added_vertices, ..., vertices, ...: the former polytopes, new ones, and all that there are
+            now, see `FacetSet`.
 
     Returns:
         corners, offsets, cells and partitions of portals; candidates, their portals and clearances.
@@ -138,8 +140,8 @@ def candidates_of_changed_portals(
         new_numbers, corners, offsets, cells, partitions, candidates, candidate_portals,
     )  # fmt: skip
     stale = update_clearances(
-        candidates, distances,
-        gone_vertices, gone_vertex_offsets, gone_loops, gone_loop_offsets, gone_planes, gone_facet_offsets,
+        candidates, distances, is_gone,
+        former_vertices, former_vertex_offsets, former_loops, former_loop_offsets, former_planes, former_facet_offsets,
         added_vertices, added_vertex_offsets, added_loops, added_loop_offsets, added_planes, added_facet_offsets,
         SAME_DISTANCE,
     )  # fmt: skip

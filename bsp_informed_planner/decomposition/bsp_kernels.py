@@ -7,7 +7,6 @@ import numpy as np
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
 from bsp_informed_planner.decomposition.clipping_kernels import (
-    BOUNDS_PLANES,
     COPLANAR,
     MINIMUM_AREA,
     ON_PLANE,
@@ -16,10 +15,7 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
     polygon_area,
     with_rows,
 )
-
-# What becomes of a node of the former tree, and all below it: partitioned anew; its plane stays, and its children have
-# fates of their own; all of it stays as it is.
-REPLACED, ENTERED, KEPT = 0, 1, 2
+from bsp_informed_planner.decomposition.fate_kernels import KEPT, REPLACED, facets_to_partition
 
 
 @kernel
@@ -211,11 +207,9 @@ def build_tree(
 
     # Lists of pieces of the nodes on the stack, one after the other; the last node's list is at the end.
     members = np.empty(max(2 * pieces, 1), np.int64)
-    inside = 0
-    for piece in range(pieces):
-        if facet_planes[piece] >= BOUNDS_PLANES:
-            members[inside] = piece
-            inside += 1
+    inside = facets_to_partition(
+        corners, offsets, facet_planes, facet_spheres, planes, old_planes, old_front, old_back, fates, members
+    )
     behind = np.empty(max(pieces, 1), np.int64)
     stack = np.empty((64, 4), np.int64)  # node, begin and end of its list, the former node if there is one
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, 0, inside, 0

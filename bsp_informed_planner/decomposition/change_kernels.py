@@ -6,10 +6,10 @@ import numpy as np
 
 from bsp_informed_planner.compiled import kernel
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
-from bsp_informed_planner.decomposition.bsp_kernels import ENTERED, KEPT, REPLACED
 from bsp_informed_planner.decomposition.cell_kernels import cells_of_body
 from bsp_informed_planner.decomposition.clipping_kernels import BOUNDS_PLANES
 from bsp_informed_planner.decomposition.facet_kernels import OF_FACET, OF_PARTITION, UNUSED
+from bsp_informed_planner.decomposition.fate_kernels import ENTERED, KEPT, REPLACED
 from bsp_informed_planner.decomposition.portal_kernels import ANY
 
 
@@ -24,8 +24,8 @@ def fates_of_nodes(
     facet_bodies: Indices,
     plane_count: int,
     is_gone: Flags,
-    gone: Floats,
-    gone_offsets: Indices,
+    former: Floats,
+    former_offsets: Indices,
     added: Floats,
     added_offsets: Indices,
     few_cells: int,
@@ -45,7 +45,8 @@ def fates_of_nodes(
         plane_indices, node_planes, node_front, node_back, node_solid: (n,) the tree.
         facet_planes, facet_bodies: (f,) plane and polytope of each former facet; plane_count: p.
         is_gone: (b,) for each former polytope.
-        gone, gone_offsets, added, added_offsets: vertices (v, 3) of polytopes, and where those of each begin.
+        former, former_offsets, added, added_offsets: vertices (v, 3) of the former and of added polytopes, and where
+            those of each begin.
 
     Returns:
         fates (n,), see `build_tree`; for each plane UNUSED, OF_PARTITION or OF_FACET (p,), as far as nodes and facets
@@ -61,9 +62,11 @@ def fates_of_nodes(
     everywhere = np.full(nodes, ANY, np.int64)
     touched = np.zeros(nodes, np.int64)
     found = np.empty(64, np.int64)
-    for body in range(gone_offsets.shape[0] - 1):
+    for body in range(former_offsets.shape[0] - 1):
+        if not is_gone[body]:
+            continue
         found, count = cells_of_body(
-            gone, gone_offsets[body], gone_offsets[body + 1],
+            former, former_offsets[body], former_offsets[body + 1],
             node_planes, node_front, node_back, everywhere, ANY, found,
         )  # fmt: skip
         for index in range(count):

@@ -7,76 +7,9 @@ import math
 import numpy as np
 
 from bsp_informed_planner.compiled import kernel
-from bsp_informed_planner.decomposition.array_types import Floats, Indices
+from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
 from bsp_informed_planner.decomposition.clipping_kernels import ZERO
-
-
-@kernel
-def square_to_segment(p: Floats, corners: Floats, a: int, b: int) -> float:
-    """Squared distance of a point from the segment between two rows of `corners`."""
-    along, length = 0.0, 0.0
-    for k in range(3):
-        edge = corners[b, k] - corners[a, k]
-        along += edge * (p[k] - corners[a, k])
-        length += edge * edge
-    share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
-    square = 0.0
-    for k in range(3):
-        square += (corners[a, k] + share * (corners[b, k] - corners[a, k]) - p[k]) ** 2
-    return square
-
-
-@kernel
-def distance_to_polytope(
-    p: Floats,
-    vertices: Floats,
-    loops: Indices,
-    loop_offsets: Indices,
-    planes: Floats,
-    first_facet: int,
-    last_facet: int,
-    limit: float,
-) -> float:
-    """Distance of a point from a convex polytope [m], 0 inside; any number of at least `limit` beyond that.
-
-    Args:
-        p: (3,).
-        vertices, loops, loop_offsets, planes: see `FacetSet`.
-        first_facet, last_facet: the polytope's facets, the latter exclusive.
-        limit: [m].
-    """
-    highest = -np.inf
-    for facet in range(first_facet, last_facet):
-        height = planes[facet, 0] * p[0] + planes[facet, 1] * p[1] + planes[facet, 2] * p[2] - planes[facet, 3]
-        highest = max(highest, height)
-        if highest >= limit:
-            return highest
-    if highest <= 0.0:
-        return 0.0
-    square = np.inf
-    for facet in range(first_facet, last_facet):
-        n0, n1, n2 = planes[facet, 0], planes[facet, 1], planes[facet, 2]
-        height = n0 * p[0] + n1 * p[1] + n2 * p[2] - planes[facet, 3]
-        if height <= 0.0:
-            continue
-        # The nearest point is on a facet that the point sees: inside it, or on an edge of it.
-        above = True
-        begin, end = loop_offsets[facet], loop_offsets[facet + 1]
-        for i in range(begin, end):
-            a, b = loops[i], loops[i + 1 if i + 1 < end else begin]
-            e0, e1, e2 = (
-                vertices[b, 0] - vertices[a, 0],
-                vertices[b, 1] - vertices[a, 1],
-                vertices[b, 2] - vertices[a, 2],
-            )
-            d0, d1, d2 = p[0] - vertices[a, 0], p[1] - vertices[a, 1], p[2] - vertices[a, 2]
-            inward = (n1 * e2 - n2 * e1) * d0 + (n2 * e0 - n0 * e2) * d1 + (n0 * e1 - n1 * e0) * d2
-            if inward < 0.0:
-                above = False
-                square = min(square, square_to_segment(p, vertices, a, b))
-        if above:
-            return height
-    return math.sqrt(square)
+from bsp_informed_planner.scene.polytope_distance_kernels import distance_to_polytope
 
 
 @kernel
@@ -204,12 +137,13 @@ def clearances(
 def update_clearances(
     points: Floats,
     distances: Floats,
-    gone_vertices: Floats,
-    gone_vertex_offsets: Indices,
-    gone_loops: Indices,
-    gone_loop_offsets: Indices,
-    gone_planes: Floats,
-    gone_facet_offsets: Indices,
+    is_gone: Flags,
+    former_vertices: Floats,
+    former_vertex_offsets: Indices,
+    former_loops: Indices,
+    former_loop_offsets: Indices,
+    former_planes: Floats,
+    former_facet_offsets: Indices,
     vertices: Floats,
     vertex_offsets: Indices,
     loops: Indices,
@@ -222,14 +156,21 @@ def update_clearances(
 
     Args:
         points: (m, 3); distances: (m,) of `clearances`, which are changed in place; NaN where not known.
-        gone_vertices, ...: polytopes that are gone, see `FacetSet`.
+        is_gone: (b,) which of the former polytopes are gone.
+        former_vertices, ...: all former polytopes, see `FacetSet`.
         vertices, ...: polytopes that are new.
         same: distances that differ by less are those of the same polytope [m].
 
     Returns:
         indices of points whose distance is to be computed anew, since it is not known or was that of what is gone.
     """
-    gone_boxes = boxes_around(gone_vertices, gone_vertex_offsets)
+    former_boxes = boxes_around(former_vertices, former_vertex_offsets)
+    gone = np.flatnonzero(is_gone)
+    gone_boxes = np.empty((gone.shape[0], 2, 3))
+    for index in range(gone.shape[0]):
+        for k in range(3):
+            gone_boxes[index, 0, k] = former_boxes[gone[index], 0, k]
+            gone_boxes[index, 1, k] = former_boxes[gone[index], 1, k]
     boxes = boxes_around(vertices, vertex_offsets)
     # Around all of them: most points are far away.
     everything = np.empty((1, 2, 3))
@@ -246,12 +187,13 @@ def update_clearances(
         is_stale = np.isnan(limit)
         if box_gap_square(everything, ZERO, points, i) >= limit * limit:
             continue
-        for body in range(gone_boxes.shape[0]):
-            if is_stale or box_gap_square(gone_boxes, body, points, i) >= limit * limit:
+        for index in range(gone.shape[0]):
+            if is_stale or box_gap_square(gone_boxes, index, points, i) >= limit * limit:
                 continue
+            body = gone[index]
             is_stale = limit > distance_to_polytope(
-                points[i], gone_vertices, gone_loops, gone_loop_offsets, gone_planes,
-                gone_facet_offsets[body], gone_facet_offsets[body + 1], limit,
+                points[i], former_vertices, former_loops, former_loop_offsets, former_planes,
+                former_facet_offsets[body], former_facet_offsets[body + 1], limit,
             )  # fmt: skip
         if is_stale:
             stale[count] = i

@@ -14,10 +14,11 @@ from bsp_informed_planner.decomposition.assembly_kernels import (
     candidates_of_portals,
     portals_of_tree,
 )
-from bsp_informed_planner.decomposition.bsp_kernels import REPLACED, build_tree
+from bsp_informed_planner.decomposition.bsp_kernels import build_tree
 from bsp_informed_planner.decomposition.change_kernels import fates_of_nodes
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.facets import PartitionFacets, partition_facets
+from bsp_informed_planner.decomposition.fate_kernels import REPLACED
 from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
 from bsp_informed_planner.scene.scene import WorkspaceBounds
 
@@ -96,7 +97,6 @@ def update(
         None if more than `replaced_share` of the cells would have to be replaced.
     """
     begin = time.perf_counter()
-    removed, kept = former.facets.selected(gone), former.facets.selected(~gone)
     pieces = former.pieces
     fates, uses, replaced, cells = fates_of_nodes(
         former.plane_indices,
@@ -108,8 +108,8 @@ def update(
         pieces.bodies,
         len(pieces.planes),
         gone,
-        removed.vertices,
-        removed.vertex_offsets,
+        former.facets.vertices,
+        former.facets.vertex_offsets,
         added.vertices,
         added.vertex_offsets,
         limits.few_cells,
@@ -118,10 +118,10 @@ def update(
     )
     if replaced > limits.replaced_share * cells:
         return None
-    facets = FacetSet.joined(kept, added)
+    facets = former.facets.exchanged(gone, added)
     added_pieces = partition_facets(added, bounds, options, pieces.planes, uses)
     pieces = pieces.exchanged(former.facets, gone, added_pieces)
-    return _constructed(former, fates, cells - replaced, facets, pieces, (removed, added), bounds, options, begin)
+    return _constructed(former, fates, cells - replaced, facets, pieces, (gone, added), bounds, options, begin)
 
 
 def _constructed(
@@ -130,7 +130,7 @@ def _constructed(
     kept_cells: int,
     facets: FacetSet,
     pieces: PartitionFacets,
-    changes: tuple[FacetSet, FacetSet] | None,
+    changes: tuple[Flags, FacetSet] | None,
     bounds: WorkspaceBounds,
     options: DecompositionOptions,
     begin: float,
@@ -180,8 +180,8 @@ def _constructed(
             corners, offsets, partitions, node_planes, *placement, *geometry
         )
     else:
-        removed, added = changes
-        geometry = (*removed.arrays, *added.arrays, *geometry)
+        gone, added = changes
+        geometry = (gone, *former.facets.arrays, *added.arrays, *geometry)
         corners, offsets, cells, partitions, candidates, candidate_portals, distances = candidates_of_changed_portals(
             former.portal_corners,
             former.portal_offsets,

@@ -24,6 +24,8 @@ from bsp_informed_planner.decomposition.clipping_kernels import (
 # Cosine of the largest angle between planes that may become one (4.5 mrad), and its sine rounded up.
 PARALLEL = 0.99999
 PARALLEL_SINE = 4.5e-3
+# A facet moves inwards by at most this share of the thickness of its polytope, so that something is left of it.
+INWARDS_SHARE = 0.25
 # What a plane is used by: nothing; partitions of the tree, but no facet; facets.
 UNUSED, OF_PARTITION, OF_FACET = 0, 1, 2
 
@@ -95,12 +97,34 @@ def clip_facets(
 
 
 @kernel
+def thickness_behind(vertices: Floats, begin: int, end: int, planes: Floats, row: int, limit: float) -> float:
+    """How far a polytope reaches behind the plane of one of its facets [m], any number of at least `limit` beyond that.
+
+    Args:
+        vertices: the polytope's are the rows from `begin` to `end`.
+        planes, row: the outward plane of the facet.
+        limit: [m].
+    """
+    deepest = 0.0
+    for i in range(begin, end):
+        depth = planes[row, 3]
+        for k in range(3):
+            depth -= planes[row, k] * vertices[i, k]
+        deepest = max(deepest, depth)
+        if deepest >= limit:
+            break
+    return deepest
+
+
+@kernel
 def snap_facets(
     corners: Floats,
     offsets: Indices,
     sources: Indices,
     bodies: Indices,
     areas: Floats,
+    vertices: Floats,
+    vertex_offsets: Indices,
     facet_planes: Floats,
     given: Floats,
     uses: Indices,
@@ -112,11 +136,13 @@ def snap_facets(
     """Gives nearly coplanar facets, of either orientation, the same plane.
 
     A facet takes the plane of a larger one if it moves by at most `gap_tolerance` outwards, which only makes the
-    obstacle larger, or by at most `plane_tolerance` inwards. A plane never takes both sides of one polytope: a plate
-    thinner than the tolerance does not vanish. Planes of facets are preferred to those of mere partitions.
+    obstacle larger, or by at most `plane_tolerance` inwards. A plate thinner than the tolerance does not vanish: a
+    plane never takes both sides of one polytope, and moves none inwards by more than a share of its thickness. Planes
+    of facets are preferred to those of mere partitions.
 
     Args:
         corners, offsets, sources, bodies, areas: clipped facets, see `clip_facets`; large ones are dealt with first.
+        vertices: (v, 3) of the polytopes; vertex_offsets: (b + 1,) where those of each begin.
         facet_planes: (f, 4) outward planes of the original facets.
         given: (g, 4) planes that are there already, those of the workspace first; uses: (g,) UNUSED, OF_PARTITION or
             OF_FACET.
@@ -158,6 +184,7 @@ def snap_facets(
         following[p] = head[index]
         head[index] = p
 
+    needed = plane_tolerance / INWARDS_SHARE
     order = np.argsort(-areas, kind="mergesort")  # equal ones in their order
     for rank in range(count):
         f = order[rank]
@@ -170,6 +197,11 @@ def snap_facets(
         )
         distance = abs(n0 * centre[0] + n1 * centre[1] + n2 * centre[2] - d)
         own_bin = min(int(distance / width), bins - 1)
+        body = bodies[f]
+        thickness = thickness_behind(
+            vertices, vertex_offsets[body], vertex_offsets[body + 1], facet_planes, source, needed
+        )
+        inwards = min(plane_tolerance, INWARDS_SHARE * thickness)
         best, best_move, best_side = -1, np.inf, 1.0
         for index in range(max(own_bin - 1, 0), min(own_bin + 2, bins)):
             p = head[index]
@@ -185,7 +217,7 @@ def snap_facets(
                             - planes[p, 1] * corners[i, 1]
                             - planes[p, 2] * corners[i, 2]
                         )
-                        if move < -plane_tolerance or move > outwards:
+                        if move < -inwards or move > outwards:
                             fits = False
                             break
                         largest = max(largest, abs(move))

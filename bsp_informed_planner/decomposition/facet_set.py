@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
-from bsp_informed_planner.decomposition.selection_kernels import join_bodies, select_bodies
+from bsp_informed_planner.decomposition.selection_kernels import exchange_bodies
+from bsp_informed_planner.scene.facet_arrays import facet_arrays
 from bsp_informed_planner.scene.polytopes import ConvexPolytope
 
 
@@ -38,30 +39,18 @@ class FacetSet:
     def of(polytopes: Iterable[ConvexPolytope], owners: Iterable[int] | None = None) -> FacetSet:
         """The facets of polytopes, which all belong to obstacle 0 if no owners are given."""
         bodies = list(polytopes)
-        faces = [face for body in bodies for face in body.faces]
-        vertex_offsets = _offsets([len(body.vertices) for body in bodies])
-        facet_counts = [len(body.faces) for body in bodies]
-        loop_lengths = [len(face) for face in faces]
-        loops = np.concatenate([np.empty(0, np.int64), *faces])
-        loops += np.repeat(np.repeat(vertex_offsets[:-1], facet_counts), loop_lengths)
-        return FacetSet(
-            np.concatenate([np.empty((0, 3)), *(body.vertices for body in bodies)]),
-            vertex_offsets,
-            loops,
-            _offsets(loop_lengths),
-            np.concatenate([np.empty((0, 4)), *(body.planes for body in bodies)]),
-            _offsets(facet_counts),
-            np.zeros(len(bodies), np.int64) if owners is None else np.fromiter(owners, np.int64),
-        )
+        arrays = facet_arrays(bodies)
+        return FacetSet(*arrays, np.zeros(len(bodies), np.int64) if owners is None else np.fromiter(owners, np.int64))
 
     @staticmethod
     def joined(first: FacetSet, second: FacetSet) -> FacetSet:
         """The facets of two sets, in order."""
-        return FacetSet(*join_bodies(*first.arrays, *second.arrays), np.concatenate((first.owners, second.owners)))
+        return first.exchanged(np.zeros(len(first), np.bool_), second)
 
-    def selected(self, chosen: Flags) -> FacetSet:
-        """The facets of those polytopes where `chosen` (b,) is True."""
-        return FacetSet(*select_bodies(*self.arrays, chosen), self.owners[chosen])
+    def exchanged(self, is_gone: Flags, added: FacetSet) -> FacetSet:
+        """The facets of those polytopes that are not gone (b,), and then others."""
+        owners = np.concatenate((self.owners[~is_gone], added.owners))
+        return FacetSet(*exchange_bodies(*self.arrays, is_gone, *added.arrays), owners)
 
     @property
     def arrays(self) -> tuple[Floats, Indices, Indices, Indices, Floats, Indices]:
@@ -74,9 +63,3 @@ class FacetSet:
     @property
     def facet_count(self) -> int:
         return len(self.planes)
-
-
-def _offsets(counts: list[int]) -> Indices:
-    offsets = np.zeros(len(counts) + 1, np.int64)
-    np.cumsum(counts, out=offsets[1:])
-    return offsets

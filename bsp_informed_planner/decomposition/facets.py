@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,8 +13,11 @@ from bsp_informed_planner.decomposition.facet_kernels import OF_FACET, clip_face
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.decomposition.selection_kernels import exchange_facets
-from bsp_informed_planner.scene.polytopes import cross_section, polytopes_of_obstacle, prism
+from bsp_informed_planner.scene.polytopes import cross_section, polytopes_of_obstacle, prism, thickened
 from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
+
+# What is thinner is made so thick [m]: its facets are far larger than what counts as a rounding error.
+THINNEST = 2e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,7 @@ def decomposed_bounds(scene: Scene, options: DecompositionOptions) -> WorkspaceB
 def read_facets(scene: Scene, options: DecompositionOptions) -> FacetSet:
     """The facets of all obstacles, as convex polytopes; in 2D of the upright prisms over their cross-sections.
 
-    Boxes come first. Owners are positions of obstacles in the scene.
+    Boxes come first. Owners are positions of obstacles in the scene. What is thinner than 20 um is thickened to that.
 
     Raises:
         InvalidObstacleError: if an obstacle has a shape without volume.
@@ -88,14 +91,15 @@ def read_facets(scene: Scene, options: DecompositionOptions) -> FacetSet:
     flat = options.dimension == 2
     bounds = decomposed_bounds(scene, options)
     boxes, others = placed_boxes(scene)
+    boxes = replace(boxes, sizes=np.maximum(boxes.sizes, THINNEST))
     if flat:
         sections, tilted = boxes.upright(options.section_height, bounds)
         polytopes, owners = tilted.polytopes(), tilted.owners.tolist()
     else:
         sections, polytopes, owners = boxes, [], []
     for number, obstacle in others:
-        parts = polytopes_of_obstacle(obstacle, scene.bounds, options.curve_tolerance)
-        polytopes.extend(parts)
+        parts = polytopes_of_obstacle(obstacle, bounds, options.curve_tolerance)
+        polytopes.extend(thickened(part, THINNEST) for part in parts)
         owners.extend([number] * len(parts))
     if flat:
         # Prisms stand out of the slab, so that their ends do not count.
@@ -141,6 +145,8 @@ def partition_facets(
         sources,
         bodies,
         areas,
+        facets.vertices,
+        facets.vertex_offsets,
         facets.planes,
         planes,
         uses,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from bsp_informed_planner.decomposition.array_types import Floats, Indices
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.decomposition.search_kernels import search_chain
 from bsp_informed_planner.decomposition.traversal_kernels import free_cell_near, polyline_cells, segment_is_free
-from bsp_informed_planner.errors import KeypointsUnavailableError
+from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError
 
 # Stand for the ends of a chain in pairs of candidate indices.
 START, GOAL = -1, -2
@@ -80,14 +81,13 @@ def shortest_chain(
     Raises:
         KeypointsUnavailableError: if the start or goal is outside the workspace or in an obstacle, or no chain
             connects them.
+        InvalidOptionError: if the clearance weight is negative or not finite.
         IndexError: if a removed candidate, or an end of a removed edge, does not exist.
     """
     count = decomposition.candidate_count
-    if clearance_weight is None:
-        clearance_weight = CLEARANCE_WEIGHT if decomposition.dimension == 3 else 0.0
-    ends = [_point(decomposition, start), _point(decomposition, goal)]
-    end_cells = [_free_cell(decomposition, ends[0], "start"), _free_cell(decomposition, ends[1], "goal")]
-    costs = clearance_weight * np.maximum(0.0, 1.0 - decomposition.candidate_clearances / decomposition.clearance_cap)
+    ends = [as_point(decomposition, start), as_point(decomposition, goal)]
+    end_cells = [free_cell_of_end(decomposition, ends[0], "start"), free_cell_of_end(decomposition, ends[1], "goal")]
+    costs = candidate_costs(decomposition, clearance_weight)
     removed = np.zeros(count, np.bool_)
     if removed_candidates is not None:
         indices = np.fromiter(removed_candidates, np.int64)
@@ -126,13 +126,32 @@ def cells_along(decomposition: Decomposition, polyline: ArrayLike) -> Indices:
         (c,) cells; -1 stands for a stretch outside the workspace. A path that returns to a cell that it has left
         shows it twice.
     """
+    return visits_along(decomposition, polyline)[0]
+
+
+def visits_along(
+    decomposition: Decomposition, polyline: ArrayLike, shortest: float = SHORTEST_VISIT
+) -> tuple[Indices, Floats]:
+    """The cells that a polyline passes through, and where it enters each.
+
+    Args:
+        decomposition: of the workspace.
+        polyline: (m, 3) points [m], m of at least 1.
+        shortest: visits of less length are left out [m].
+
+    Returns:
+        the cells (c,) as of `cells_along`, and the positions (c,) at which they are entered: position 2.25 is a quarter
+        of the way from point 2 to point 3.
+    """
     points = np.ascontiguousarray(polyline, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise ValueError(f"polyline of shape {points.shape}: expected (m, 3)")
+    if not np.isfinite(points).all():
+        raise ValueError("polyline: a value is not finite")
     if len(points) == 1:
-        return decomposition.locate(points)
+        return decomposition.locate(points), np.zeros(1)
     bounds = decomposition.bounds
-    return polyline_cells(points, *decomposition.tree, bounds.lower, bounds.upper, SHORTEST_VISIT)
+    return polyline_cells(points, *decomposition.tree, bounds.lower, bounds.upper, shortest)
 
 
 def has_line_of_sight(decomposition: Decomposition, start: ArrayLike, end: ArrayLike) -> bool:
@@ -147,7 +166,18 @@ def has_line_of_sight(decomposition: Decomposition, start: ArrayLike, end: Array
     return bool(segment_is_free(0, a, b, *decomposition.tree, decomposition.node_solid))
 
 
-def _point(decomposition: Decomposition, point: ArrayLike) -> Floats:
+def candidate_costs(decomposition: Decomposition, clearance_weight: float | None = None) -> Floats:
+    """(k,) what each candidate adds to the cost of a chain [m], see `shortest_chain`."""
+    if clearance_weight is None:
+        clearance_weight = CLEARANCE_WEIGHT if decomposition.dimension == 3 else 0.0
+    if not 0.0 <= clearance_weight < math.inf:
+        raise InvalidOptionError("clearance_weight", clearance_weight, "a number of at least 0")
+    shortfall = 1.0 - decomposition.candidate_clearances / decomposition.clearance_cap
+    return np.asarray(clearance_weight * np.maximum(0.0, shortfall))
+
+
+def as_point(decomposition: Decomposition, point: ArrayLike) -> Floats:
+    """(3,) a point, one of two coordinates raised to the section of a 2D decomposition [m]."""
     array = np.array(point, dtype=np.float64)
     if array.shape == (2,) and decomposition.dimension == 2:
         array = np.append(array, decomposition.section_height)
@@ -156,8 +186,17 @@ def _point(decomposition: Decomposition, point: ArrayLike) -> Floats:
     return array
 
 
-def _free_cell(decomposition: Decomposition, point: Floats, name: str) -> int:
-    """The free cell of an end of a chain."""
+def free_cell_of_end(decomposition: Decomposition, point: Floats, name: str) -> int:
+    """The free cell that holds an end of a chain.
+
+    Args:
+        decomposition: of the workspace.
+        point: (3,) [m].
+        name: "start" or "goal", for the sentence of the error.
+
+    Raises:
+        KeypointsUnavailableError: if there is none.
+    """
     if not decomposition.bounds.contains(point):
         raise KeypointsUnavailableError(f"{name} keypoint lies outside the workspace")
     cell = free_cell_near(point, *decomposition.tree, decomposition.node_solid, SURFACE_TOLERANCE)

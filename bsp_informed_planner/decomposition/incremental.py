@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import fields, replace
-from operator import itemgetter
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from bsp_informed_planner.decomposition.decomposition import Decomposition, deco
 from bsp_informed_planner.decomposition.facet_set import FacetSet
 from bsp_informed_planner.decomposition.facets import decomposed_bounds, read_facets
 from bsp_informed_planner.decomposition.options import DecompositionOptions, UpdateOptions
+from bsp_informed_planner.decomposition.scene_comparison import ObstacleRecord
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 
 
@@ -44,6 +43,8 @@ class IncrementalDecomposer:
         self._obstacles: Mapping[str, Obstacle] = {}
         self._numbers: dict[str, int] = {}
         self._unused: list[int] = []
+        # Of some of the obstacles, for comparisons. One of an object that is not in the scene does not count.
+        self._records: dict[str, tuple[Obstacle | None, ObstacleRecord | None]] = {}
         # Since everything was replaced last: changed polytopes; and the cells that there were then.
         self._changes = 0
         self._leaves = 0
@@ -74,6 +75,7 @@ class IncrementalDecomposer:
         if former is None or (scene.bounds is not self._bounds and scene.bounds != self._bounds):
             facets, scene_seconds = read_facets(scene, self.options), time.perf_counter() - begin
             construction = construct(facets, bounds, self.options)
+            self._records.clear()
             self._remember(construction, {name: number for number, name in enumerate(scene.obstacles)}, [], None)
         else:
             changed, numbers, gone_numbers = self._compared(scene)
@@ -102,7 +104,7 @@ class IncrementalDecomposer:
                 updated = update(former, gone, added, bounds, self.options, self.limits)
             if updated is None or updated.leaf_count > self.limits.growth * self._leaves:
                 scene_seconds = time.perf_counter() - begin
-                construction = construct(FacetSet.joined(former.facets.selected(~gone), added), bounds, self.options)
+                construction = construct(former.facets.exchanged(gone, added), bounds, self.options)
                 self._remember(construction, numbers, unused, None)
             else:
                 construction = updated
@@ -115,16 +117,24 @@ class IncrementalDecomposer:
         numbers = dict(self._numbers)
         changed: list[Obstacle] = []
         gone: list[int] = []
-        # Most are the same objects, which sets tell at once. The order of sets is nobody's business.
-        others: set[tuple[str, Obstacle]] = scene.obstacles.items() - self._obstacles.items()
-        for name, obstacle in sorted(others, key=itemgetter(0)):
+        for name, obstacle in scene.obstacles.items():
             before = self._obstacles.get(name)
-            if before is not None:
-                if same_obstacle(before, obstacle):
-                    continue
-                gone.append(numbers[name])
+            if before is obstacle:
+                continue
             changed.append(obstacle)
-        gone.extend(numbers.pop(name) for name in self._obstacles.keys() - scene.obstacles.keys())
+            if before is None:
+                continue
+            record, (recorded, former) = ObstacleRecord.of(obstacle), self._records.get(name, (None, None))
+            if former is None or recorded is not before:
+                former = ObstacleRecord.of(before)
+            self._records[name] = obstacle, record
+            if record.matches(former):
+                changed.pop()
+            else:
+                gone.append(numbers[name])
+        for name in self._obstacles.keys() - scene.obstacles.keys():
+            gone.append(numbers.pop(name))
+            self._records.pop(name, None)
         return changed, numbers, gone
 
     def _remember(
@@ -140,22 +150,3 @@ class IncrementalDecomposer:
             self._changes, self._leaves = 0, construction.leaf_count
         else:
             self._changes += changes
-
-
-def same_obstacle(first: Obstacle, second: Obstacle) -> bool:
-    """Whether two obstacles have equal shapes at equal poses."""
-    return (
-        first.pose == second.pose
-        and len(first.shapes) == len(second.shapes)
-        and all(
-            one_pose == other_pose and _same_fields(one, other)
-            for (one, one_pose), (other, other_pose) in zip(first.shapes, second.shapes, strict=True)
-        )
-    )
-
-
-def _same_fields(first: Any, second: Any) -> bool:
-    return type(first) is type(second) and (
-        first is second
-        or all(np.array_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
-    )

@@ -16,59 +16,14 @@ def copy_plane(source: Floats, row: int, target: Floats, target_row: int) -> Non
 
 
 @kernel
-def select_bodies(
+def exchange_bodies(
     vertices: Floats,
     vertex_offsets: Indices,
     loops: Indices,
     loop_offsets: Indices,
     planes: Floats,
     facet_offsets: Indices,
-    chosen: Flags,
-) -> tuple[Floats, Indices, Indices, Indices, Floats, Indices]:
-    """Those polytopes of a `FacetSet` where `chosen` (b,) is True, as arrays of the same kind."""
-    bodies = vertex_offsets.shape[0] - 1
-    count, vertex_count, facet_count, corner_count = 0, 0, 0, 0
-    for body in range(bodies):
-        if chosen[body]:
-            count += 1
-            vertex_count += vertex_offsets[body + 1] - vertex_offsets[body]
-            facet_count += facet_offsets[body + 1] - facet_offsets[body]
-            corner_count += loop_offsets[facet_offsets[body + 1]] - loop_offsets[facet_offsets[body]]
-    new_vertices = np.empty((vertex_count, 3))
-    new_vertex_offsets = np.zeros(count + 1, np.int64)
-    new_loops = np.empty(corner_count, np.int64)
-    new_loop_offsets = np.zeros(facet_count + 1, np.int64)
-    new_planes = np.empty((facet_count, 4))
-    new_facet_offsets = np.zeros(count + 1, np.int64)
-    into, vertex, facet, corner = 0, 0, 0, 0
-    for body in range(bodies):
-        if not chosen[body]:
-            continue
-        begin, end = vertex_offsets[body], vertex_offsets[body + 1]
-        copy_polygon(vertices, begin, end - begin, new_vertices, vertex)
-        for old in range(facet_offsets[body], facet_offsets[body + 1]):
-            for i in range(loop_offsets[old], loop_offsets[old + 1]):
-                new_loops[corner] = loops[i] - begin + vertex
-                corner += 1
-            for k in range(4):
-                new_planes[facet, k] = planes[old, k]
-            facet += 1
-            new_loop_offsets[facet] = corner
-        vertex += end - begin
-        into += 1
-        new_vertex_offsets[into] = vertex
-        new_facet_offsets[into] = facet
-    return new_vertices, new_vertex_offsets, new_loops, new_loop_offsets, new_planes, new_facet_offsets
-
-
-@kernel
-def join_bodies(
-    vertices: Floats,
-    vertex_offsets: Indices,
-    loops: Indices,
-    loop_offsets: Indices,
-    planes: Floats,
-    facet_offsets: Indices,
+    is_gone: Flags,
     added_vertices: Floats,
     added_vertex_offsets: Indices,
     added_loops: Indices,
@@ -76,15 +31,48 @@ def join_bodies(
     added_planes: Floats,
     added_facet_offsets: Indices,
 ) -> tuple[Floats, Indices, Indices, Indices, Floats, Indices]:
-    """The polytopes of two sets, in order, as arrays of a `FacetSet`."""
-    return (
-        np.concatenate((vertices, added_vertices)),
-        np.concatenate((vertex_offsets, added_vertex_offsets[1:] + vertices.shape[0])),
-        np.concatenate((loops, added_loops + vertices.shape[0])),
-        np.concatenate((loop_offsets, added_loop_offsets[1:] + loops.shape[0])),
-        np.concatenate((planes, added_planes)),
-        np.concatenate((facet_offsets, added_facet_offsets[1:] + planes.shape[0])),
-    )
+    """A `FacetSet` without the polytopes that are gone (b,), and then those of another, as arrays of the same kind."""
+    bodies, more = vertex_offsets.shape[0] - 1, added_vertex_offsets.shape[0] - 1
+    count, vertex_count, facet_count, corner_count = 0, 0, 0, 0
+    for body in range(bodies):
+        if not is_gone[body]:
+            count += 1
+            vertex_count += vertex_offsets[body + 1] - vertex_offsets[body]
+            facet_count += facet_offsets[body + 1] - facet_offsets[body]
+            corner_count += loop_offsets[facet_offsets[body + 1]] - loop_offsets[facet_offsets[body]]
+    new_vertices = np.empty((vertex_count + added_vertices.shape[0], 3))
+    new_vertex_offsets = np.zeros(count + more + 1, np.int64)
+    new_loops = np.empty(corner_count + added_loops.shape[0], np.int64)
+    new_loop_offsets = np.zeros(facet_count + added_planes.shape[0] + 1, np.int64)
+    new_planes = np.empty((facet_count + added_planes.shape[0], 4))
+    new_facet_offsets = np.zeros(count + more + 1, np.int64)
+    into, vertex, facet, corner = 0, 0, 0, 0
+    for body in range(bodies):
+        if is_gone[body]:
+            continue
+        begin, end = vertex_offsets[body], vertex_offsets[body + 1]
+        copy_polygon(vertices, begin, end - begin, new_vertices, vertex)
+        for old in range(facet_offsets[body], facet_offsets[body + 1]):
+            for i in range(loop_offsets[old], loop_offsets[old + 1]):
+                new_loops[corner] = loops[i] - begin + vertex
+                corner += 1
+            copy_plane(planes, old, new_planes, facet)
+            facet += 1
+            new_loop_offsets[facet] = corner
+        vertex += end - begin
+        into += 1
+        new_vertex_offsets[into] = vertex
+        new_facet_offsets[into] = facet
+    copy_polygon(added_vertices, ZERO, added_vertices.shape[0], new_vertices, vertex)
+    for i in range(added_loops.shape[0]):
+        new_loops[corner + i] = added_loops[i] + vertex
+    for old in range(added_planes.shape[0]):
+        copy_plane(added_planes, old, new_planes, facet + old)
+        new_loop_offsets[facet + old + 1] = corner + added_loop_offsets[old + 1]
+    for body in range(more):
+        new_vertex_offsets[into + body + 1] = vertex + added_vertex_offsets[body + 1]
+        new_facet_offsets[into + body + 1] = facet + added_facet_offsets[body + 1]
+    return new_vertices, new_vertex_offsets, new_loops, new_loop_offsets, new_planes, new_facet_offsets
 
 
 @kernel

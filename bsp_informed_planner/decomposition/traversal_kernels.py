@@ -97,13 +97,17 @@ def polyline_cells(
     lower: Floats,
     upper: Floats,
     minimum_length: float,
-) -> Indices:
+) -> tuple[Indices, Floats]:
     """The cells that a polyline (m, 3) visits, in order, without immediate repetition; OUTSIDE beyond the workspace.
 
     Visits shorter than `minimum_length` [m] are left out, unless nothing else is left.
+
+    Returns:
+        the cells (c,), and where each visit begins (c,): a segment's index plus the share of it that lies before.
     """
     cells = np.empty(64, np.int64)
     lengths = np.empty(64)
+    begins = np.empty(64)
     visits = 0
     stack = np.empty(64, np.int64)
     shares = np.empty((64, 2))
@@ -141,7 +145,8 @@ def polyline_cells(
                         continue
                 cells = with_rows(cells, visits + 1)
                 lengths = with_rows(lengths, visits + 1)
-                cells[visits], lengths[visits] = node, travelled
+                begins = with_rows(begins, visits + 1)
+                cells[visits], lengths[visits], begins[visits] = node, travelled, segment + first
                 visits += 1
                 continue
             plane = node_planes[node]
@@ -167,7 +172,7 @@ def polyline_cells(
                 height += 2
     if visits > 1 and lengths[visits - 1] < minimum_length:
         visits -= 1
-    return cells[:visits].copy()
+    return cells[:visits].copy(), begins[:visits].copy()
 
 
 @kernel

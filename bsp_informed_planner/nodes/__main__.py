@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-NAMES = ("decomposition_node", "inference_node", "planner_node")
+NAMES = ("decomposition_node", "inference_node", "planner_node", "moveit_bridge")
 
 
 def main() -> None:

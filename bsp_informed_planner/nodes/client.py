@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
@@ -13,10 +14,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError
+from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError, SceneUnavailableError
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
+from bsp_informed_planner.nodes.obstacle_conversions import pose_to_msg
 from bsp_informed_planner.nodes.qos import LATCHED
-from bsp_informed_planner.nodes.scene_conversions import pose_to_msg, scene_to_msg
+from bsp_informed_planner.nodes.scene_conversions import scene_from_msg, scene_to_msg
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene
@@ -48,8 +50,10 @@ class SuiteClient:
         self._status: SceneStatus | None = None
         self._statuses = 0
         self.keypoint_graph: KeypointGraph | None = None
+        self._scene: ObstacleScene | None = None
         node.create_subscription(SceneStatus, "scene_status", self._on_status, LATCHED)
         node.create_subscription(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
+        node.create_subscription(ObstacleScene, "scene", self._on_scene, LATCHED)
 
     def close(self) -> None:
         """Leave the node to its owner."""
@@ -60,6 +64,11 @@ class SuiteClient:
     def revision(self) -> int:
         """Revision of the scene in force, as far as this client has heard; 0: none."""
         return 0 if self._status is None else int(self._status.revision)
+
+    @property
+    def epoch(self) -> int:
+        """Epoch of the scene in force, as far as this client has heard; 0: none."""
+        return 0 if self._status is None else int(self._status.epoch)
 
     def wait_for_nodes(self, seconds: float, alive: Callable[[], None] | None = None) -> None:
         """Wait until the decomposition node listens and `plan` is served, by a planner node that has guidance.
@@ -95,7 +104,7 @@ class SuiteClient:
             seconds: longest wait [s].
 
         Returns:
-            its revision.
+            its revision, in the epoch that `epoch` says.
 
         Raises:
             SceneRefusedError: if the decomposition node refused it.
@@ -109,19 +118,41 @@ class SuiteClient:
             # A newer scene may have superseded this one, of another client's or its own.
             return self._status is not None and _nanoseconds(self._status.header.stamp) >= stamp
 
-        self._publisher.publish(message)
+        def graph_is_there() -> bool:
+            graph = self.keypoint_graph
+            return graph is not None and (graph.scene_epoch, graph.scene_revision) == (self.epoch, revision)
+
+        self.publish_message(message)
         if not self._spin_until(is_answered, seconds):
             raise SuiteUnavailableError(f"the decomposition node did not answer a scene within {seconds:.0f} s")
         assert self._status is not None
         if self._status.error_code != ErrorCode.SUCCESS:
             raise SceneRefusedError(self._status.message)
         revision = int(self._status.revision)
-        graph_there = lambda: self.keypoint_graph is not None and self.keypoint_graph.scene_revision == revision  # noqa: E731
-        if not self._spin_until(graph_there, seconds):
+        if not self._spin_until(graph_is_there, seconds):
             raise SuiteUnavailableError(f"no keypoint_graph of scene {revision} within {seconds:.0f} s")
         return revision
 
-    def plan(self, request: PlanRequest, seconds: float) -> PlanResponse:
+    def publish_message(self, message: ObstacleScene) -> None:
+        """Publish a scene, or a change of it, and do not wait for what becomes of it."""
+        self._publisher.publish(message)
+
+    def wait_for_scene(self, seconds: float) -> Scene:
+        """The scene in force, as soon as there is one.
+
+        Args:
+            seconds: longest wait [s].
+
+        Raises:
+            SceneUnavailableError: if there is none.
+            SceneError: if it cannot be read.
+        """
+        if not self._spin_until(lambda: self._scene is not None, seconds):
+            raise SceneUnavailableError(f"no scene within {seconds:.0f} s: the decomposition node has been sent none")
+        assert self._scene is not None
+        return scene_from_msg(self._scene)
+
+    def plan(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None = None) -> PlanResponse:
         """Call `plan`.
 
         A planner node that has just started may hear of a scene seconds after this client did. If the request names a
@@ -130,20 +161,25 @@ class SuiteClient:
         Args:
             request: what to plan.
             seconds: longest wait for the answer, beyond the time that planning itself may take [s].
+            alive: called now and then; may raise, e.g. because nobody waits any more. The node plans on until its time
+                is over.
 
         Raises:
             SuiteUnavailableError: if no answer came.
         """
         end = time.monotonic() + seconds
         while True:
-            response = self._plan_once(request, max(end - time.monotonic(), 0.0))
-            behind = response.error_code in BEHIND and response.scene_revision < request.scene_revision
+            response = self._plan_once(request, max(end - time.monotonic(), 0.0), alive)
+            known = response.scene_epoch if request.scene_epoch else 0, response.scene_revision
+            behind = response.error_code in BEHIND and known < (request.scene_epoch, request.scene_revision)
             if not behind or time.monotonic() >= end:
                 return response
 
-    def _plan_once(self, request: PlanRequest, seconds: float) -> PlanResponse:
+    def _plan_once(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None) -> PlanResponse:
         future = self._plan.call_async(Plan.Request(request=request))
-        if not self._spin_until(future.done, seconds + request.allowed_planning_time):
+        # A time that is nonsense is refused at once.
+        planning = request.allowed_planning_time if 0.0 < request.allowed_planning_time < math.inf else 0.0
+        if not self._spin_until(future.done, seconds + planning, alive):
             self._plan.remove_pending_request(future)
             raise SuiteUnavailableError(f"service {self._plan.srv_name} did not answer")
         return future.result().response
@@ -151,6 +187,9 @@ class SuiteClient:
     def _on_status(self, message: SceneStatus) -> None:
         self._status = message
         self._statuses += 1
+
+    def _on_scene(self, message: ObstacleScene) -> None:
+        self._scene = message
 
     def _on_graph(self, message: KeypointGraph) -> None:
         self.keypoint_graph = message
@@ -169,7 +208,7 @@ class SuiteClient:
 
 
 def request_for(
-    problem: ScenarioProblem, robot: Robot, allowed_seconds: float, seed: int = 0, revision: int = 0
+    problem: ScenarioProblem, robot: Robot, allowed_seconds: float, seed: int = 0, epoch: int = 0, revision: int = 0
 ) -> PlanRequest:
     """The request that states a problem.
 
@@ -178,11 +217,11 @@ def request_for(
         robot: names the joints.
         allowed_seconds: planning time [s].
         seed: of the planner; 0: it draws one.
-        revision: of the scene to plan on, as `SuiteClient.publish_scene` returned it; 0: the latest that the planner
-            node has heard of.
+        epoch, revision: of the scene to plan on, see `SuiteClient.publish_scene`; 0: the latest that the planner node
+            has heard of.
     """
     names = list(robot.joint_names)
-    request = PlanRequest(allowed_planning_time=allowed_seconds, seed=seed, scene_revision=revision)
+    request = PlanRequest(allowed_planning_time=allowed_seconds, seed=seed, scene_epoch=epoch, scene_revision=revision)
     request.start = JointState(name=names, position=problem.start.tolist())
     request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in problem.goals]
     for pose in problem.goal_poses:

@@ -8,20 +8,25 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
 
 from bsp_informed_planner.scene.pose import FloatArray
-from bsp_informed_planner.scene.shapes import MAX_CLOUD_POINTS
+from bsp_informed_planner.scene.scene import WorkspaceBounds
+from bsp_informed_planner.scene.shapes import MAX_CLOUD_POINTS, PointCloud
 
 _TYPES = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 
 
-def cloud_points(message: PointCloud2) -> FloatArray:
+def cloud_points(message: PointCloud2, allow_none: bool = False) -> FloatArray:
     """The points of a cloud, organised or not, in the order of its data.
 
     Read are the fields `x`, `y` and `z`, of 32 or 64 bit floating point each, at any offset, in either byte order and
     with any padding of points and rows. Other fields are passed over. Points with a value that is not finite are
     returns that were lost (REP-117); they are left out, unless the cloud claims to have none (`is_dense`).
 
+    Args:
+        message: the cloud.
+        allow_none: whether it may be that no point is left.
+
     Returns:
-        (n, 3) [m], at least one.
+        (n, 3) [m], at least one, unless none is allowed.
 
     Raises:
         ValueError: for a message whose parts do not fit together, of more than `MAX_CLOUD_POINTS` points, that is dense
@@ -54,9 +59,27 @@ def cloud_points(message: PointCloud2) -> FloatArray:
         return points
     if message.is_dense:
         raise ValueError(f"point cloud: {np.count_nonzero(~finite)} points are not finite, though it claims is_dense")
-    if not finite.any():
+    if not finite.any() and not allow_none:
         raise ValueError("point cloud: none of its points is finite")
     return points[finite]
+
+
+def measured_cloud(message: PointCloud2, resolution: float, bounds: WorkspaceBounds) -> PointCloud | None:
+    """What a sensor has measured within bounds; None if that is nothing.
+
+    Args:
+        message: see `cloud_points`; one without points, or with none that is finite, has measured nothing.
+        resolution: edge of the voxels [m].
+        bounds: points outside of them are left out.
+
+    Raises:
+        ValueError: if it is no point cloud.
+    """
+    if message.width * message.height == 0:
+        return None
+    points = cloud_points(message, allow_none=True)
+    points = points[bounds.contains(points)]
+    return PointCloud(points, resolution).thinned() if len(points) else None
 
 
 def cloud_to_msg(points: FloatArray, frame: str = "") -> PointCloud2:

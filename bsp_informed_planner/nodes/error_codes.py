@@ -40,7 +40,8 @@ class ErrorCode(IntEnum):
 #: What a node answers that has not heard of a scene revision yet.
 BEHIND = (ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE, ErrorCode.COLLISION_CHECKING_UNAVAILABLE)
 
-_BY_STATE: dict[type[errors.ProblemError], tuple[ErrorCode, ErrorCode]] = {
+#: Codes of errors about one end of a problem: as the start, as a goal.
+BY_STATE: dict[type[errors.ProblemError], tuple[ErrorCode, ErrorCode]] = {
     errors.InvalidStateError: (ErrorCode.START_STATE_INVALID, ErrorCode.GOAL_STATE_INVALID),
     errors.StateOutsideLimitsError: (
         ErrorCode.START_STATE_VIOLATES_PATH_CONSTRAINTS,
@@ -49,8 +50,8 @@ _BY_STATE: dict[type[errors.ProblemError], tuple[ErrorCode, ErrorCode]] = {
     errors.StateInCollisionError: (ErrorCode.START_STATE_IN_COLLISION, ErrorCode.GOAL_IN_COLLISION),
 }
 
-# Subclasses before their bases: the first that matches counts.
-_BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
+#: Codes of all others. Subclasses before their bases: the first that matches counts.
+BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
     (errors.UnreachablePoseError, ErrorCode.NO_IK_SOLUTION),
     (errors.NoGoalError, ErrorCode.INVALID_GOAL_CONSTRAINTS),
     (errors.StateUnavailableError, ErrorCode.ROBOT_STATE_STALE),
@@ -58,14 +59,19 @@ _BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
     (errors.UnknownFrameError, ErrorCode.FRAME_TRANSFORM_FAILURE),
     (errors.UnknownPlannerError, ErrorCode.INVALID_GROUP_NAME),
     (errors.UnknownSamplerError, ErrorCode.INVALID_GROUP_NAME),
+    (errors.ModelUnavailableError, ErrorCode.INVALID_GROUP_NAME),
+    (errors.UnsupportedRequestError, ErrorCode.INVALID_GOAL_CONSTRAINTS),
+    (errors.MissingPackageError, ErrorCode.INVALID_GROUP_NAME),
     (errors.InvalidOptionError, ErrorCode.PLANNING_FAILED),
     (errors.SceneUnavailableError, ErrorCode.COLLISION_CHECKING_UNAVAILABLE),
     (errors.EmptySceneError, ErrorCode.UNABLE_TO_ACQUIRE_SENSOR_DATA),
+    (errors.SceneEpochError, ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE),
     (errors.SceneRevisionError, ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE),
     (errors.SceneRefusedError, ErrorCode.SENSOR_INFO_STALE),
     (errors.SceneError, ErrorCode.INVALID_OBJECT_NAME),
     (errors.PlanningCancelledError, ErrorCode.PREEMPTED),
     (errors.PlanningTimeoutError, ErrorCode.TIMED_OUT),
+    (errors.PlannerProcessError, ErrorCode.CRASH),
     (errors.PlanningFailedError, ErrorCode.PLANNING_FAILED),
     (errors.TrajectoryTimingError, ErrorCode.PLANNING_FAILED),
     (errors.QueueFullError, ErrorCode.ABORT),
@@ -76,10 +82,10 @@ _BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
 def error_code(error: BaseException) -> ErrorCode:
     """The code of an exception; CRASH for one that this package does not raise on purpose."""
     if isinstance(error, errors.ProblemError):
-        for problem, (start, goal) in _BY_STATE.items():
+        for problem, (start, goal) in BY_STATE.items():
             if isinstance(error, problem):
                 return start if error.state == "start" else goal
-    for kind, code in _BY_CLASS:
+    for kind, code in BY_CLASS:
         if isinstance(error, kind):
             return code
     return ErrorCode.FAILURE if isinstance(error, errors.BspPlannerError) else ErrorCode.CRASH

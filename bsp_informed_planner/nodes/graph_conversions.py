@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bsp_informed_planner.decomposition.decomposition import Decomposition, DecompositionTimings
 from bsp_informed_planner.nodes.arrays import float64_field, int32_field, uint32_field
-from bsp_informed_planner.nodes.scene_conversions import point_to_msg
+from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import WorkspaceBounds
 

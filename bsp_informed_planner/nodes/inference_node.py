@@ -19,9 +19,11 @@ from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, Inv
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
-from bsp_informed_planner.nodes.parameters import declare, parameter
+from bsp_informed_planner.nodes.meter import Meter
+from bsp_informed_planner.nodes.models import MODELS
+from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
+from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
-from bsp_informed_planner.nodes.scene_conversions import point_to_msg
 from bsp_informed_planner.nodes.world import WorldTracker
 from bsp_informed_planner.planning.validation import free_state
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
@@ -31,7 +33,6 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 logger = logging.getLogger(__name__)
 
-MODELS = ("bsp",)
 MAX_SAMPLES = 100_000
 MAX_GOALS = 1000
 
@@ -40,10 +41,14 @@ MAX_GOALS = 1000
 class InferenceParameters(RobotParameters):
     """Parameters of the inference node."""
 
-    model: str = parameter("bsp", "Model that serves requests that name none.", choices=MODELS)
-    allow_empty_scene: bool = parameter(True, "Serve scenes without obstacles.")
-    max_seconds: float = parameter(2.0, "Most time for the chains of one request [s].", minimum=0.01, maximum=60.0)
-    sigma: float = parameter(0.2, "Standard deviation of samples around a chain [rad].", minimum=1e-3, maximum=3.0)
+    model: str = parameter("bsp", "Model that serves requests that name none.", choices=MODELS, live=True)
+    allow_empty_scene: bool = parameter(True, "Serve scenes without obstacles.", live=True)
+    max_seconds: float = parameter(
+        2.0, "Most time for the chains of one request [s].", minimum=0.01, maximum=60.0, live=True
+    )
+    sigma: float = parameter(
+        0.2, "Standard deviation of samples around a chain [rad].", minimum=1e-3, maximum=3.0, live=True
+    )
 
 
 class InferenceNode(PlannerSuiteNode):
@@ -53,11 +58,11 @@ class InferenceNode(PlannerSuiteNode):
         super().__init__("inference_node", **options)
 
     def setup(self) -> None:
-        self._settings = declare(self, InferenceParameters)
-        self._options = KeypointGuideOptions(sigma=self._settings.sigma)
-        self._served = 0
-        self._last_seconds = 0.0
+        self._parameter_set = self.follow_parameters(InferenceParameters, self._on_parameters)
+        self._estimates = Meter()
+        self._samples = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
+        self._on_parameters(self._settings)
         self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
         self.release_with(self._world.close)
         self.release_with(self._robot_source.close)
@@ -69,12 +74,22 @@ class InferenceNode(PlannerSuiteNode):
             service = self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
             self.release_with(self.destroy_service, service)
 
+    @property
+    def _settings(self) -> InferenceParameters:
+        return self._parameter_set.values
+
+    def _on_parameters(self, settings: InferenceParameters) -> None:
+        self._options = KeypointGuideOptions(sigma=settings.sigma)
+        self._world.allow_empty_scene = settings.allow_empty_scene
+
     def diagnostic_values(self) -> dict[str, object]:
         return {
+            "robot": self._world.robot_name,
             "model": self._settings.model,
+            "scene_epoch": self._world.epoch,
             "scene_revision": self._world.revision,
-            "requests_served": self._served,
-            "last_inference_seconds": round(self._last_seconds, 6),
+            **self._estimates.values("estimates"),
+            **self._samples.values("sample_batches"),
         }
 
     def _on_estimate(
@@ -85,8 +100,8 @@ class InferenceNode(PlannerSuiteNode):
             self._estimate(request, response, begin + self._settings.max_seconds)
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self._refuse(error, response)
-        self._served += 1
-        self._last_seconds = response.inference_seconds = time.monotonic() - begin
+        response.inference_seconds = time.monotonic() - begin
+        self._estimates.count(response.inference_seconds)
         return response
 
     def _estimate(
@@ -94,8 +109,8 @@ class InferenceNode(PlannerSuiteNode):
     ) -> None:
         self.require_active()
         response.model = self._model(request.model)
-        world = self._world.current(int(request.scene_revision))
-        response.scene_revision = world.revision
+        world = self._world.current(int(request.scene_epoch), int(request.scene_revision))
+        response.scene_epoch, response.scene_revision = world.epoch, world.revision
         checker = world.planner.checker()
         start = free_state(world.robot, checker, "start", np.array(request.start))
         goals = self._rows("goal", request.goals, request.joints, world.robot.dof)
@@ -122,15 +137,15 @@ class InferenceNode(PlannerSuiteNode):
             self._sample(request, response)
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self._refuse(error, response)
-        self._served += 1
-        self._last_seconds = response.inference_seconds = time.monotonic() - begin
+        response.inference_seconds = time.monotonic() - begin
+        self._samples.count(response.inference_seconds)
         return response
 
     def _sample(self, request: SampleConfigurations.Request, response: SampleConfigurations.Response) -> None:
         self.require_active()
         response.model = self._model(request.model)
-        world = self._world.current(int(request.scene_revision))
-        response.scene_revision = world.revision
+        world = self._world.current(int(request.scene_epoch), int(request.scene_revision))
+        response.scene_epoch, response.scene_revision = world.epoch, world.revision
         robot = world.robot
         if not 1 <= request.count <= MAX_SAMPLES:
             raise InvalidOptionError("count", request.count, f"1 to {MAX_SAMPLES}")
@@ -168,8 +183,11 @@ class InferenceNode(PlannerSuiteNode):
     def _refuse(self, error: Exception, response: EstimateKeypoints.Response | SampleConfigurations.Response) -> None:
         response.error_code = int(error_code(error))
         response.message = str(error)
+        if not response.scene_revision:
+            response.scene_epoch, response.scene_revision = self._world.epoch, self._world.revision
         if not isinstance(error, BspPlannerError):
             # A caller must never wait for an answer that does not come.
+            self.note_error(f"{type(error).__name__}: {error}")
             logger.error("while serving a request", exc_info=error)
 
 

@@ -4,22 +4,35 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.errors import BspPlannerError, NodeInactiveError
+from bsp_informed_planner.nodes.parameters import NodeParameters, ParameterSet, declare
 
 logger = logging.getLogger(__name__)
 
+T = TypeVar("T", bound=NodeParameters)
+
+#: Between two messages on `diagnostics` [s], whatever time the simulation says.
 DIAGNOSTICS_PERIOD = 1.0
+#: How long a thread may keep the interpreter when others want it [s].
+SWITCH_SECONDS = 5e-4
+#: Exit status of a process whose node could not be configured: to start it again would not help.
+CANNOT_START = 3
+#: How long an error makes diagnostics a warning [s].
+ERROR_SECONDS = 30.0
 
 
 class PlannerSuiteNode(LifecycleNode):
@@ -37,9 +50,10 @@ class PlannerSuiteNode(LifecycleNode):
         super().__init__(name, **options)
         self._is_serving = False
         self._last_error = ""
+        self._last_error_time = 0.0
         self._resources = ExitStack()
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self.declare_parameter("autostart", True)
+        declare(self, NodeParameters, "autostart")
 
     # --- for subclasses ---
 
@@ -50,6 +64,16 @@ class PlannerSuiteNode(LifecycleNode):
             BspPlannerError: with a sentence; the node then stays unconfigured.
         """
         raise NotImplementedError
+
+    def follow_parameters(self, kind: type[T], on_change: Callable[[T], None] | None = None) -> ParameterSet[T]:
+        """Declare and read the node's parameters, and follow their changes until it is cleaned up.
+
+        Raises:
+            InvalidOptionError, UnknownParameterError: see `ParameterSet`.
+        """
+        parameters = ParameterSet(self, kind, on_change)
+        self.release_with(parameters.close)
+        return parameters
 
     def release_with(self, release: Callable[..., object], *arguments: object) -> None:
         """Call this when the node is cleaned up, after what was registered later."""
@@ -67,6 +91,7 @@ class PlannerSuiteNode(LifecycleNode):
     def note_error(self, message: str) -> None:
         """Log a failure and keep it for diagnostics."""
         self._last_error = message
+        self._last_error_time = time.monotonic()
         self.get_logger().error(message)
 
     # --- lifecycle ---
@@ -90,7 +115,9 @@ class PlannerSuiteNode(LifecycleNode):
                 logger.debug("while configuring", exc_info=error)
             self._resources.close()
             return TransitionCallbackReturn.FAILURE
-        timer = self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        timer = self.create_timer(
+            DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self.release_with(self.destroy_timer, timer)
         return super().on_configure(state)
 
@@ -126,12 +153,16 @@ class PlannerSuiteNode(LifecycleNode):
 
     def _publish_diagnostics(self) -> None:
         status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id="bsp_informed_planner")
-        if self._last_error:
+        age = time.monotonic() - self._last_error_time
+        if self._last_error and age < ERROR_SECONDS:
             status.level, status.message = DiagnosticStatus.WARN, self._last_error
         else:
             status.level = DiagnosticStatus.OK
             status.message = "active" if self._is_serving else "inactive"
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in self.diagnostic_values().items()]
+        values = self.diagnostic_values()
+        if self._last_error:
+            values = {**values, "last_error": self._last_error, "last_error_age_seconds": round(age, 1)}
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -156,6 +187,23 @@ class RosLogHandler(logging.Handler):
             self._logger.debug(text)
 
 
+def spin(executor: Executor) -> None:
+    """Spin until the executor or its context is shut down, also while nodes release what the executor waits for.
+
+    rclpy collects what it waits for before it takes hold of the handles; one that was destroyed in between raises
+    InvalidHandle. The next round no longer has it.
+
+    Raises:
+        ExternalShutdownException: the context was shut down.
+    """
+    while True:
+        try:
+            executor.spin()
+            return
+        except rclpy_implementation.InvalidHandle as error:
+            logger.debug("destroyed while it was waited for: %s", error)
+
+
 def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -> None:
     """The `main` of a node: spin until it is shut down. Ctrl-C and SIGTERM end it quietly.
 
@@ -168,7 +216,8 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         rclpy.init(args=args)
     except rclpy_implementation.RCLError as error:
         # E.g. a parameter file that cannot be read; the first line says it, the rest is a trace through C.
-        sys.exit(f"cannot start: {str(error).splitlines()[0]}")
+        sys.stderr.write(f"cannot start: {str(error).splitlines()[0]}\n")
+        sys.exit(CANNOT_START)
     library = logging.getLogger("bsp_informed_planner")
     library.setLevel(logging.INFO)
     handler: RosLogHandler | None = None
@@ -179,9 +228,11 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         library.addHandler(handler)
         started = node.autostart()
         if started:
+            # Callbacks must not wait for the interpreter while plans run in Python.
+            sys.setswitchinterval(SWITCH_SECONDS)
             executor = MultiThreadedExecutor(num_threads=4)
             executor.add_node(node)
-            executor.spin()
+            spin(executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (rclpy_implementation.RCLError, ParameterException) as error:
@@ -194,4 +245,4 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
             node.destroy_node()
         rclpy.try_shutdown()
     if not started:
-        sys.exit(1)
+        sys.exit(CANNOT_START)

@@ -15,10 +15,20 @@ class NewestFirstWorker(Generic[T]):
     Args:
         work: called in the thread with one item at a time; must not raise.
         name: of the thread.
+        pause: least time between the end of one item and the beginning of the next [s].
+        merge: called with an item that is dropped and the newer one; returns what is to be worked on instead.
     """
 
-    def __init__(self, work: Callable[[T], None], name: str) -> None:
+    def __init__(
+        self,
+        work: Callable[[T], None],
+        name: str,
+        pause: float = 0.0,
+        merge: Callable[[T, T], T] = lambda _, newer: newer,
+    ) -> None:
         self._work = work
+        self._pause = pause
+        self._merge = merge
         self._changed = threading.Condition()
         self._pending: list[T] = []
         self._stopping = False
@@ -29,7 +39,9 @@ class NewestFirstWorker(Generic[T]):
     def submit(self, item: T) -> None:
         """Work on this item next, instead of one that still waits."""
         with self._changed:
-            self.dropped += len(self._pending)
+            if self._pending:
+                self.dropped += 1
+                item = self._merge(self._pending[0], item)
             self._pending = [item]
             self._changed.notify()
 
@@ -48,3 +60,6 @@ class NewestFirstWorker(Generic[T]):
                     return
                 item = self._pending.pop()
             self._work(item)
+            if self._pause:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._stopping, self._pause)

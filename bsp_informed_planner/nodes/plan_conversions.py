@@ -19,7 +19,9 @@ from bsp_informed_planner.errors import (
     UnknownJointError,
 )
 from bsp_informed_planner.nodes.arrays import float64_field
-from bsp_informed_planner.nodes.scene_conversions import point_to_msg, pose_from_msg
+from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg, pose_from_msg
+from bsp_informed_planner.nodes.scene_conversions import attachments_from_msg, permissions_from_msg
+from bsp_informed_planner.nodes.size_limits import LARGEST, SizeLimits
 from bsp_informed_planner.planning.problem import (
     Goal,
     JointGoal,
@@ -30,6 +32,7 @@ from bsp_informed_planner.planning.problem import (
     Trajectory,
 )
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.diff import SceneDiff
 from bsp_informed_planner.scene.pose import FloatArray
 
 MAX_GOALS = 100
@@ -53,6 +56,19 @@ def problem_from_msg(request: PlanRequest, robot: Robot, joint_states: Mapping[s
     goals: list[Goal] = [JointGoal(_goal_state(state, robot)) for state in request.goal_states]
     goals += [_goal_pose(pose, request.goal_frame, robot, start) for pose in request.goal_poses]
     return PlanningProblem(start, goals)
+
+
+def changes_from_msg(request: PlanRequest, limits: SizeLimits = LARGEST) -> SceneDiff:
+    """What a request changes of the scene, for itself alone.
+
+    Raises:
+        InvalidObstacleError: naming what is wrong.
+    """
+    limits.check_parts([], request.attached, request.allowed_collisions)
+    return SceneDiff(
+        attachments=attachments_from_msg(request.attached, ""),
+        permissions=permissions_from_msg(request.allowed_collisions),
+    )
 
 
 def start_from_msg(message: JointState, robot: Robot, joint_states: Mapping[str, float]) -> FloatArray:

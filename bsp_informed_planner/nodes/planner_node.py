@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
-from bsp_informed_planner_msgs.srv import Plan
+from bsp_informed_planner_msgs.srv import GetPlannerInfo, Plan
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -21,17 +19,29 @@ from visualization_msgs.msg import MarkerArray
 
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
+from bsp_informed_planner.nodes.failure_records import FailureRecords
+from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
-from bsp_informed_planner.nodes.parameters import declare, parameter
-from bsp_informed_planner.nodes.plan_conversions import options_from_msg, problem_from_msg, response_from_result
+from bsp_informed_planner.nodes.meter import Meter
+from bsp_informed_planner.nodes.models import MODELS
+from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
+from bsp_informed_planner.nodes.plan_conversions import (
+    changes_from_msg,
+    options_from_msg,
+    problem_from_msg,
+    response_from_result,
+)
 from bsp_informed_planner.nodes.plan_jobs import PlanJobs
+from bsp_informed_planner.nodes.planner_info import describe_robot, first_of
+from bsp_informed_planner.nodes.planner_parameters import PlannerParameters
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.remote_guidance import InferenceUnavailableError, RemoteGuide
-from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
+from bsp_informed_planner.nodes.robot_source import RobotSource
 from bsp_informed_planner.nodes.world import World, WorldTracker
 from bsp_informed_planner.planning.planner import PreparedPlan
-from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanOptions, PlanResult
+from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanResult
 from bsp_informed_planner.planning.search import Progress
+from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.visualization.markers import plan_markers
 
@@ -40,60 +50,12 @@ logger = logging.getLogger(__name__)
 
 #: How long a plan waits for a scene revision that its client has heard of before this node has [s].
 SCENE_PATIENCE = 1.0
+#: Between two sets of markers [s].
+MARKER_PERIOD = 0.1
 #: How long the result of an action is kept for a client that has not asked for it yet [s].
 RESULT_TIMEOUT = 30
 #: How long a node that is cleaned up waits for its last answers to be sent [s].
 ANSWER_SECONDS = 2.0
-
-
-@dataclass(frozen=True)
-class PlannerParameters(RobotParameters):
-    """Parameters of the planner node."""
-
-    planner_id: str = parameter("anytime", "Planner of requests that name none.", choices=PLANNER_IDS)
-    sampler_id: str = parameter("keypoint_tube", "Sampler of requests that name none.", choices=SAMPLER_IDS)
-    allowed_planning_time: float = parameter(5.0, "Time of requests that give none [s].", minimum=0.01, maximum=600.0)
-    max_seconds: float = parameter(60.0, "Longest time that a request may ask for [s].", minimum=0.01, maximum=3600.0)
-    uniform_fraction: float = parameter(0.5, "Share of uniform samples, lambda.", minimum=0.0, maximum=1.0)
-    search_resolution: float = parameter(
-        0.0,
-        "While searching, no point of the robot moves further between two checks [m]; 0: the robot's default.",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    verification_resolution: float = parameter(
-        0.0, "The same for the path that is returned [m]; 0: the robot's default.", minimum=0.0, maximum=1.0
-    )
-    padding: float = parameter(0.0, "Distance kept from obstacles [m].", minimum=0.0, maximum=1.0)
-    blend_deviation: float = parameter(
-        -1.0,
-        "How far the timed path may leave the corners of the path [rad or m]; negative: the robot's default.",
-        minimum=-1.0,
-        maximum=1.0,
-    )
-    trajectory_time_step: float = parameter(0.02, "Between two points of a trajectory [s].", minimum=1e-3, maximum=1.0)
-    allow_empty_scene: bool = parameter(False, "Plan in a scene without obstacles, instead of refusing to.")
-    use_inference: bool = parameter(True, "Ask the inference node for guidance; false: find keypoints here.")
-    inference_timeout: float = parameter(1.0, "Longest wait for the inference node [s].", minimum=0.01, maximum=60.0)
-    workers: int = parameter(2, "How many plans are worked on at once.", minimum=1, maximum=64)
-    joint_state_max_age: float = parameter(
-        1.0, "Oldest joint_states that fill up a start state [s]; 0: any.", minimum=0.0, maximum=3600.0
-    )
-    queue_size: int = parameter(16, "How many more may wait; one beyond is refused at once.", minimum=0, maximum=1000)
-
-    def plan_options(self) -> PlanOptions:
-        """Options of a request that leaves everything open."""
-        return PlanOptions(
-            planner_id=self.planner_id,
-            sampler_id=self.sampler_id,
-            allowed_seconds=self.allowed_planning_time,
-            uniform_fraction=self.uniform_fraction,
-            search_resolution=self.search_resolution or None,
-            verification_resolution=self.verification_resolution or None,
-            padding=self.padding,
-            blend_deviation=None if self.blend_deviation < 0.0 else self.blend_deviation,
-            time_step=self.trajectory_time_step,
-        )
 
 
 class PlannerNode(PlannerSuiteNode):
@@ -107,14 +69,13 @@ class PlannerNode(PlannerSuiteNode):
         super().__init__("planner_node", **options)
 
     def setup(self) -> None:
-        self._settings = declare(self, PlannerParameters)
+        self._parameter_set = self.follow_parameters(PlannerParameters, self._on_parameters)
         self._defaults = self._settings.plan_options()
-        # Position and time of arrival of each joint.
-        self._joint_states: dict[str, tuple[float, float]] = {}
-        self._joint_lock = threading.Lock()
-        self._plans = 0
+        self._joints = JointStateCache(self._settings.joint_state_max_age)
         self._failures = 0
         self._in_flight = 0
+        self._records = FailureRecords(self._settings.save_problem_on_failure)
+        self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
         self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
@@ -125,10 +86,12 @@ class PlannerNode(PlannerSuiteNode):
         self.release_with(self.destroy_publisher, self._trajectory_publisher)
         self._marker_publisher = self.create_publisher(MarkerArray, "plan_markers", LATCHED)
         self.release_with(self.destroy_publisher, self._marker_publisher)
+        self._markers = NewestFirstWorker(self._publish_markers, "markers", pause=MARKER_PERIOD)
+        self.release_with(self._markers.stop)
         joint_states = self.create_subscription(
             JointState,
             "joint_states",
-            self._on_joint_states,
+            self._joints.take,
             qos_profile_sensor_data,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
@@ -146,9 +109,21 @@ class PlannerNode(PlannerSuiteNode):
             result_timeout=RESULT_TIMEOUT,
         )
         self.release_with(action.destroy)
+        info = self.create_service(GetPlannerInfo, "get_planner_info", self._on_get_planner_info, callback_group=group)
+        self.release_with(self.destroy_service, info)
         # Released first: every request is answered while the services are still there.
         self._jobs: PlanJobs[PlanResponse] = PlanJobs(self._settings.workers, self._settings.queue_size)
         self.release_with(self._finish_jobs)
+
+    @property
+    def _settings(self) -> PlannerParameters:
+        return self._parameter_set.values
+
+    def _on_parameters(self, settings: PlannerParameters) -> None:
+        self._defaults = settings.plan_options()
+        self._world.allow_empty_scene = settings.allow_empty_scene
+        self._joints.max_age = settings.joint_state_max_age
+        self._guide.timeout = settings.inference_timeout
 
     def _finish_jobs(self) -> None:
         """Cancel what runs and waits, and let the executor send the answers."""
@@ -160,18 +135,36 @@ class PlannerNode(PlannerSuiteNode):
         time.sleep(0.05)
 
     def diagnostic_values(self) -> dict[str, object]:
-        return {"scene_revision": self._world.revision, "plans": self._plans, "failures": self._failures}
+        return {
+            "scene_epoch": self._world.epoch,
+            "scene_revision": self._world.revision,
+            "robot": self._world.robot_name,
+            "model": self._settings.sampler_id,
+            "plans_in_flight": self._in_flight,
+            "failures": self._failures,
+            **self._plans.values("plans"),
+        }
 
-    def _on_joint_states(self, message: JointState) -> None:
-        with self._joint_lock:
-            now = time.monotonic()
-            for name, position in zip(message.name, message.position, strict=False):
-                self._joint_states[name] = (position, now)
-
-    def _recent_joint_states(self) -> dict[str, float]:
-        oldest = time.monotonic() - (self._settings.joint_state_max_age or float("inf"))
-        with self._joint_lock:
-            return {name: position for name, (position, when) in self._joint_states.items() if when >= oldest}
+    def _on_get_planner_info(
+        self, request: GetPlannerInfo.Request, response: GetPlannerInfo.Response
+    ) -> GetPlannerInfo.Response:
+        settings = self._settings
+        response.planner_ids = first_of(settings.planner_id, PLANNER_IDS)
+        response.sampler_ids = first_of(settings.sampler_id, SAMPLER_IDS)
+        response.models = list(MODELS)
+        response.default_planning_time, response.max_planning_time = (
+            settings.allowed_planning_time,
+            settings.max_seconds,
+        )
+        response.workers, response.queue_size = settings.workers, settings.queue_size
+        response.plans_in_flight = self._in_flight
+        response.scene_epoch, response.scene_revision = self._world.epoch, self._world.revision
+        try:
+            describe_robot(self._world.robot, response)
+            response.error_code = int(ErrorCode.SUCCESS)
+        except BspPlannerError as error:
+            response.error_code, response.message = int(error_code(error)), str(error)
+        return response
 
     async def _on_plan(self, request: Plan.Request, response: Plan.Response) -> Plan.Response:
         response.response = await self._submit(request.request, lambda: False, None)
@@ -220,35 +213,68 @@ class PlannerNode(PlannerSuiteNode):
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
     ) -> PlanResponse:
         """One plan, in a worker thread. Never raises."""
-        self._plans += 1
-        world: World | None = None
+        begin = time.monotonic()
+        try:
+            return self._answer(request, cancelled, on_progress)
+        finally:
+            self._plans.count(time.monotonic() - begin)
+
+    def _answer(
+        self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
+    ) -> PlanResponse:
+        world = problem = options = plan = None
         try:
             self.require_active()
             if cancelled():
                 raise PlanningCancelledError
-            world = self._world.current(int(request.scene_revision), SCENE_PATIENCE, cancelled)
-            problem = problem_from_msg(request, world.robot, self._recent_joint_states())
+            world = self._world.current(
+                int(request.scene_epoch), int(request.scene_revision), SCENE_PATIENCE, cancelled
+            )
+            world = world.changed(changes_from_msg(request))
+            problem = problem_from_msg(request, world.robot, self._joints.recent())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
-            result = world.planner.solve(plan, self._guidance(world, plan, cancelled))
+            # Guidance is asked for only if a short search without any finds no path.
+            result = world.planner.solve(plan, lambda: self._guidance(world, plan, cancelled))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
+            saved = self._records.save(error, world, problem, options, None if plan is None else plan.seed)
+            if saved is not None:
+                self.get_logger().info(f"problem saved: bsp-planner plan {saved}")
             return self._refusal(error, request, world)
         response = response_from_result(result, world.robot)
+        response.scene_epoch = world.epoch
         response.error_code = int(ErrorCode.SUCCESS)
         response.message = self._summary(result)
         self.get_logger().info(response.message)
         self._trajectory_publisher.publish(response.trajectory)
-        self._marker_publisher.publish(plan_markers(world.robot, result))
+        if self._settings.publish_markers:
+            self._markers.submit((world.robot, result))
         return response
+
+    def _publish_markers(self, item: tuple[Robot, PlanResult]) -> None:
+        """In a thread of their own, when the answer is on its way: markers are for people."""
+        try:
+            self._marker_publisher.publish(plan_markers(*item))
+        except Exception as error:  # noqa: BLE001 -- the worker must go on
+            self.note_error(f"plan_markers: {error}")
 
     def _guidance(self, world: World, plan: PreparedPlan, cancelled: Callable[[], bool]) -> Guidance:
         """From the inference node; else exact keypoints found here; else uniform. The answer says which and why."""
         if plan.options.sampler_id == "uniform" or not self._settings.use_inference:
             return world.planner.guide(plan)
+        if world.is_changed:
+            # The inference node does not know this scene.
+            return world.planner.guide(plan)
         plan.search.report("guidance")
         try:
             return self._guide.guide(
-                plan.start, plan.goals, world.revision, plan.seed or 1, 0.5 * plan.budget.remaining, cancelled
+                plan.start,
+                plan.goals,
+                world.epoch,
+                world.revision,
+                plan.seed or 1,
+                0.5 * plan.budget.remaining,
+                cancelled,
             )
         except InferenceUnavailableError as error:
             local = world.planner.guide(plan)
@@ -277,6 +303,7 @@ class PlannerNode(PlannerSuiteNode):
             message=str(error),
             planner_id=request.planner_id or self._defaults.planner_id,
             sampler_id=request.sampler_id or self._defaults.sampler_id,
+            scene_epoch=self._world.epoch if world is None else world.epoch,
             scene_revision=self._world.revision if world is None else world.revision,
         )
 

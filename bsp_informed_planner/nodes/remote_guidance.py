@@ -38,13 +38,13 @@ class RemoteGuide:
 
     Args:
         node: owns the clients.
-        timeout: longest wait for one answer [s].
+        timeout: longest wait for one answer [s]; may be changed.
     """
 
     def __init__(self, node: LifecycleNode, timeout: float) -> None:
         group = ReentrantCallbackGroup()
         self._node = node
-        self._timeout = timeout
+        self.timeout = timeout
         self._estimate = node.create_client(EstimateKeypoints, "estimate_keypoints", callback_group=group)
         self._sample = node.create_client(SampleConfigurations, "sample_configurations", callback_group=group)
 
@@ -57,6 +57,7 @@ class RemoteGuide:
         self,
         start: FloatArray,
         goals: FloatArray,
+        epoch: int,
         revision: int,
         seed: int,
         seconds: float,
@@ -67,7 +68,7 @@ class RemoteGuide:
         Args:
             start: (n,).
             goals: (k, n).
-            revision: of the scene that the guidance must be for.
+            epoch, revision: of the scene that the guidance must be for.
             seed: of the samples.
             seconds: longest wait [s].
             cancelled: asked while waiting.
@@ -77,13 +78,14 @@ class RemoteGuide:
             PlanningCancelledError: cancelled while waiting.
         """
         begin = time.monotonic()
-        end = begin + min(seconds, self._timeout)
+        end = begin + min(seconds, self.timeout)
         request = EstimateKeypoints.Request(
             start=float64_field(start),
             goals=float64_field(goals),
             joints=len(start),
             max_chains=4,
             seed=seed,
+            scene_epoch=epoch,
             scene_revision=revision,
         )
         answer = self._call(self._estimate, request, end, cancelled)
@@ -94,6 +96,7 @@ class RemoteGuide:
             chain_offsets=uint32_field(offsets),
             count=BATCH,
             seed=seed,
+            scene_epoch=epoch,
             scene_revision=revision,
         )
         first = _samples(self._call(self._sample, template, end, cancelled), len(start))
@@ -104,7 +107,9 @@ class RemoteGuide:
         """Wait for an answer: in a worker thread, while the executor's threads go on."""
         while True:
             answer = self._call_once(client, request, end, cancelled)
-            if answer.error_code not in BEHIND or time.monotonic() + RETRY_SECONDS >= end:
+            known = int(answer.scene_epoch), int(answer.scene_revision)
+            behind = known < (request.scene_epoch, request.scene_revision)
+            if answer.error_code not in BEHIND or not behind or time.monotonic() + RETRY_SECONDS >= end:
                 break
             # The scene reached this node first; it is on its way to the other.
             time.sleep(RETRY_SECONDS)
@@ -226,6 +231,7 @@ class RemoteSampler:
             chain_offsets=self._template.chain_offsets,
             count=BATCH,
             seed=seed,
+            scene_epoch=self._template.scene_epoch,
             scene_revision=self._template.scene_revision,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)

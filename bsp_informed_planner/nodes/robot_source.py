@@ -6,10 +6,13 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from bsp_informed_planner.nodes.parameters import parameter
+from bsp_informed_planner.errors import RobotDescriptionError
+from bsp_informed_planner.nodes.parameters import NodeParameters, parameter
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.robots.arm import load_arm
 from bsp_informed_planner.robots.demo_arms import ur5
@@ -19,29 +22,35 @@ from bsp_informed_planner.robots.robot import Robot
 
 
 @dataclass(frozen=True)
-class RobotParameters:
+class RobotParameters(NodeParameters):
     """Parameters that choose the robot."""
 
     robot: str = parameter(
         "", "A robot that comes with the package; empty: robot_description.", choices=("", "ur5", "point")
     )
-    robot_description: str = parameter("", "URDF of the arm, as XML or as a path; empty: wait for the topic.")
-    robot_description_semantic: str = parameter("", "SRDF, as XML or as a path; empty: no pairs are disabled.")
+    robot_description: str = parameter("", "URDF of the arm, as XML or as a path; empty: from the topic.")
+    robot_description_semantic: str = parameter("", "SRDF, as XML or as a path; empty: from the topic, if it comes.")
     package_dirs: str = parameter(
         "", "Folders in which package:// addresses of meshes are looked up, separated by ':', before those of ROS."
     )
     locked_joints: str = parameter("", "Joints that are held still: NAME=VALUE,NAME=VALUE [rad or m].")
+    max_description_length: int = parameter(
+        10_000_000, "Most characters of a description that a topic brings.", minimum=1000, maximum=100_000_000
+    )
     tool_frame: str = parameter("", "Frame whose origin passes the keypoints; empty: chosen from the description.")
 
 
 class RobotSource:
     """Loads the robot at once if the parameters name one, else when `robot_description` arrives.
 
+    An SRDF comes from the parameter, or else from `robot_description_semantic`; whichever of the two topics comes last,
+    the robot is loaded again with both.
+
     Args:
         node: subscribes.
         parameters: which robot.
         on_robot: called with it, once at least; again if another description arrives.
-        on_error: told why a description from the topic cannot be used.
+        on_error: told why a description from a topic cannot be used; the robot stays as it was.
 
     Raises:
         RobotError: if the parameters name a robot that cannot be used.
@@ -58,25 +67,36 @@ class RobotSource:
         self._parameters = parameters
         self._on_robot = on_robot
         self._on_error = on_error
-        self._subscription = None
+        self._urdf = parameters.robot_description
+        self._srdf = parameters.robot_description_semantic
+        self._subscriptions: list[Subscription] = []
         if parameters.robot == "ur5":
             on_robot(ur5())
-        elif parameters.robot == "point":
+            return
+        if parameters.robot == "point":
             on_robot(PointRobot())
-        elif parameters.robot_description:
-            on_robot(self._load(parameters.robot_description))
-        else:
-            self._subscription = node.create_subscription(String, "robot_description", self._on_description, LATCHED)
+            return
+        if self._urdf:
+            on_robot(self._load())
+        # One group: both change what is loaded.
+        group = MutuallyExclusiveCallbackGroup()
+        for given, topic, callback in (
+            (self._urdf, "robot_description", self._on_description),
+            (self._srdf, "robot_description_semantic", self._on_semantic),
+        ):
+            if not given:
+                subscription = node.create_subscription(String, topic, callback, LATCHED, callback_group=group)
+                self._subscriptions.append(subscription)
 
     def close(self) -> None:
         """Stop listening."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
 
-    def _load(self, urdf: str) -> Robot:
+    def _load(self) -> Robot:
         return load_arm(
-            urdf,
-            self._parameters.robot_description_semantic or None,
+            self._urdf,
+            self._srdf or None,
             package_dirs=self._package_dirs(),
             tool_frame=self._parameters.tool_frame or None,
             locked_joints=parse_locked_joints(self._parameters.locked_joints),
@@ -89,9 +109,34 @@ class RobotSource:
         return given + [share for prefix in prefixes if os.path.isdir(share := os.path.join(prefix, "share"))]
 
     def _on_description(self, message: String) -> None:
+        self._reload("robot_description", message.data, self._srdf)
+
+    def _on_semantic(self, message: String) -> None:
+        self._reload("robot_description_semantic", self._urdf, message.data)
+
+    def _reload(self, topic: str, urdf: str, srdf: str) -> None:
+        before = self._urdf, self._srdf
+        self._urdf, self._srdf = urdf, srdf
         try:
-            robot = self._load(message.data)
+            for text in (urdf, srdf):
+                _require_xml(text, topic, self._parameters)
+            if urdf:
+                self._on_robot(self._load())
         except Exception as error:  # noqa: BLE001 -- a message must not end the node
-            self._on_error(f"robot_description: {error}")
-            return
-        self._on_robot(robot)
+            self._urdf, self._srdf = before
+            self._on_error(f"{topic}: {error}")
+
+
+def _require_xml(text: str, topic: str, parameters: RobotParameters) -> None:
+    """What comes from a topic is the description itself: a path would have the node read a file that others choose.
+
+    Raises:
+        RobotDescriptionError: if it is a path, or larger than the parameter allows.
+    """
+    trusted = (parameters.robot_description, parameters.robot_description_semantic)
+    if len(text) > parameters.max_description_length:
+        raise RobotDescriptionError(
+            f"{len(text)} characters: at most {parameters.max_description_length} (`max_description_length`)"
+        )
+    if text and text not in trusted and text.lstrip()[:1] != "<":
+        raise RobotDescriptionError(f"{topic} holds no XML")

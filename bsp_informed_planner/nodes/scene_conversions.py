@@ -2,39 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from bsp_informed_planner_msgs.msg import AllowedCollision, ObstacleScene
+from bsp_informed_planner_msgs.msg import AttachedObstacle as AttachedObstacleMsg
 from bsp_informed_planner_msgs.msg import Obstacle as ObstacleMsg
-from bsp_informed_planner_msgs.msg import ObstacleScene
-from geometry_msgs.msg import Point as PointMsg
-from geometry_msgs.msg import Pose as PoseMsg
-from sensor_msgs.msg import PointCloud2
-from shape_msgs.msg import Mesh as MeshMsg
-from shape_msgs.msg import MeshTriangle, SolidPrimitive
-from shape_msgs.msg import Plane as PlaneMsg
 
-from bsp_informed_planner.errors import InvalidObstacleError, UnknownFrameError
-from bsp_informed_planner.nodes.cloud_conversions import cloud_points, cloud_to_msg
-from bsp_informed_planner.scene.diff import ObstacleOperation, OperationKind, SceneDiff
-from bsp_informed_planner.scene.pose import FloatArray, Pose
-from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import (
-    CLOUD_RESOLUTION,
-    Box,
-    Cone,
-    ConvexMesh,
-    Cylinder,
-    HalfSpace,
-    Mesh,
-    PointCloud,
-    Shape,
-    Sphere,
+from bsp_informed_planner.errors import InvalidObstacleError
+from bsp_informed_planner.nodes.obstacle_conversions import (
+    obstacle_to_msg,
+    point_to_msg,
+    pose_from_msg,
+    shapes_from_msg,
 )
-
-#: Largest message that is read: beyond it, a mistake is likelier than an intent.
-MAX_OBSTACLES = 10_000
-MAX_MESH_TRIANGLES = 200_000
+from bsp_informed_planner.nodes.size_limits import LARGEST, SizeLimits
+from bsp_informed_planner.scene.attached import AttachmentKind, AttachmentOperation, CollisionPermission
+from bsp_informed_planner.scene.diff import ObstacleOperation, OperationKind, SceneDiff, apply
+from bsp_informed_planner.scene.scene import AttachedObstacle, BodyPair, Obstacle, Scene, WorkspaceBounds
 
 _OPERATIONS = {
     ObstacleMsg.ADD: OperationKind.ADD,
@@ -42,33 +27,11 @@ _OPERATIONS = {
     ObstacleMsg.APPEND: OperationKind.APPEND,
     ObstacleMsg.MOVE: OperationKind.MOVE,
 }
-
-
-def pose_from_msg(message: PoseMsg) -> Pose:
-    """A pose; a quaternion of four zeros, the default of messages, is no rotation.
-
-    Raises:
-        ValueError: for values that are not finite, or a quaternion that is far from unit length.
-    """
-    position, rotation = message.position, message.orientation
-    quaternion = (rotation.x, rotation.y, rotation.z, rotation.w)
-    if not any(quaternion):
-        quaternion = (0.0, 0.0, 0.0, 1.0)
-    return Pose(np.array([position.x, position.y, position.z]), np.array(quaternion))
-
-
-def pose_to_msg(pose: Pose) -> PoseMsg:
-    """A pose as a message."""
-    message = PoseMsg()
-    message.position = point_to_msg(pose.position)
-    rotation = message.orientation
-    rotation.x, rotation.y, rotation.z, rotation.w = (float(value) for value in pose.quaternion)
-    return message
-
-
-def point_to_msg(point: FloatArray) -> PointMsg:
-    """A point (3,) [m] as a message."""
-    return PointMsg(x=float(point[0]), y=float(point[1]), z=float(point[2]))
+_ATTACHMENTS = {
+    AttachedObstacleMsg.ATTACH: AttachmentKind.ATTACH,
+    AttachedObstacleMsg.DETACH: AttachmentKind.DETACH,
+    AttachedObstacleMsg.REMOVE: AttachmentKind.REMOVE,
+}
 
 
 def bounds_from_msg(message: ObstacleScene) -> WorkspaceBounds | None:
@@ -84,179 +47,111 @@ def bounds_from_msg(message: ObstacleScene) -> WorkspaceBounds | None:
     return WorkspaceBounds(np.array(values[0]), np.array(values[1]))
 
 
-def diff_from_msg(message: ObstacleScene, frame: str = "") -> SceneDiff:
-    """The operations of a scene message.
+def diff_from_msg(message: ObstacleScene, frame: str = "", limits: SizeLimits = LARGEST) -> SceneDiff:
+    """The change that a scene message is; a whole scene is a change from nothing.
 
     Args:
         message: whole or a change.
         frame: the scene's, where the message names none; known to the reader.
+        limits: larger messages are not read.
 
     Raises:
+        InvalidWorkspaceError: if its bounds are none.
         InvalidObstacleError: naming the obstacle and what is wrong with it.
         UnknownFrameError: if a point cloud is in another frame than the scene.
     """
-    if len(message.obstacles) > MAX_OBSTACLES:
-        raise InvalidObstacleError("*", f"{len(message.obstacles)} obstacles: at most {MAX_OBSTACLES} are read")
-    return SceneDiff(
-        tuple(_operation_from_msg(obstacle, message.header.frame_id or frame) for obstacle in message.obstacles)
+    limits.check_message(message)
+    frame = message.header.frame_id or frame
+    diff = SceneDiff(
+        tuple(_operation_from_msg(obstacle, frame) for obstacle in message.obstacles),
+        bounds_from_msg(message),
+        attachments_from_msg(message.attached, frame),
+        permissions_from_msg(message.allowed_collisions),
     )
+    return diff if message.is_diff else diff.from_nothing()
 
 
 def _operation_from_msg(message: ObstacleMsg, frame: str) -> ObstacleOperation:
-    # `byte` fields arrive as bytes of length one.
-    code = message.operation if isinstance(message.operation, bytes) else bytes([message.operation])
-    operation = _OPERATIONS.get(code)
+    operation = _OPERATIONS.get(_byte(message.operation))
     if operation is None:
-        raise InvalidObstacleError(message.id, f"unknown operation {code!r}")
+        raise InvalidObstacleError(message.id, f"unknown operation {message.operation!r}")
     try:
         pose = pose_from_msg(message.pose)
         if operation is OperationKind.REMOVE:
             return ObstacleOperation.remove(message.id)
         if operation is OperationKind.MOVE:
             return ObstacleOperation.move(message.id, pose)
-        shapes = _shapes_from_msg(message, frame)
+        shapes = shapes_from_msg(message, frame)
     except ValueError as error:
         raise InvalidObstacleError(message.id, str(error)) from error
     obstacle = Obstacle(message.id, shapes, pose)
     return ObstacleOperation.add(obstacle) if operation is OperationKind.ADD else ObstacleOperation.append(obstacle)
 
 
-def _shapes_from_msg(message: ObstacleMsg, frame: str) -> tuple[tuple[Shape, Pose], ...]:
-    shapes: list[tuple[Shape, Pose]] = []
-
-    def extend(kind: str, items: Sequence[object], poses: Sequence[PoseMsg], convert: Callable[..., Shape]) -> None:
-        # One shape without a pose sits at the obstacle's own.
-        if not poses and len(items) == 1:
-            poses = [PoseMsg()]
-        if len(items) != len(poses):
-            raise ValueError(f"{len(items)} {kind} but {len(poses)} poses for them")
-        for item, pose in zip(items, poses, strict=True):
-            shapes.append((convert(item), pose_from_msg(pose)))
-
-    extend("primitives", message.primitives, message.primitive_poses, _primitive_from_msg)
-    extend("meshes", message.meshes, message.mesh_poses, _mesh_from_msg)
-    extend("planes", message.planes, message.plane_poses, _plane_from_msg)
-    resolutions = _resolutions(message)
-    clouds = [
-        point_cloud_from_msg(cloud, resolution, frame)
-        for cloud, resolution in zip(message.point_clouds, resolutions, strict=True)
-    ]
-    extend("point clouds", clouds, message.point_cloud_poses, lambda cloud: cloud)
-    return tuple(shapes)
-
-
-_DIMENSIONS = {SolidPrimitive.BOX: 3, SolidPrimitive.SPHERE: 1, SolidPrimitive.CYLINDER: 2, SolidPrimitive.CONE: 2}
-
-
-def _primitive_from_msg(message: SolidPrimitive) -> Shape:
-    if message.type not in _DIMENSIONS:
-        raise ValueError(f"unknown type of primitive {message.type}")
-    if len(message.dimensions) != _DIMENSIONS[message.type]:
-        raise ValueError(
-            f"a primitive of type {message.type} has {_DIMENSIONS[message.type]} dimensions, not "
-            f"{len(message.dimensions)}"
-        )
-    size = list(message.dimensions)
-    if message.type == SolidPrimitive.BOX:
-        return Box(np.array(size))
-    if message.type == SolidPrimitive.SPHERE:
-        return Sphere(size[SolidPrimitive.SPHERE_RADIUS])
-    if message.type == SolidPrimitive.CYLINDER:
-        return Cylinder(size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT])
-    return Cone(size[SolidPrimitive.CONE_RADIUS], size[SolidPrimitive.CONE_HEIGHT])
-
-
-def _mesh_from_msg(message: MeshMsg) -> Mesh:
-    if len(message.triangles) > MAX_MESH_TRIANGLES:
-        raise ValueError(f"{len(message.triangles)} triangles: at most {MAX_MESH_TRIANGLES} are read")
-    vertices = np.array([(point.x, point.y, point.z) for point in message.vertices]).reshape(-1, 3)
-    triangles = np.array([triangle.vertex_indices for triangle in message.triangles], dtype=np.int64).reshape(-1, 3)
-    return Mesh(vertices, triangles)
-
-
-def _plane_from_msg(message: PlaneMsg) -> HalfSpace:
-    return HalfSpace(np.array(message.coef[:3]), float(message.coef[3]))
-
-
-def _resolutions(message: ObstacleMsg) -> list[float]:
-    """The edge of the voxels of each point cloud [m]."""
-    given, count = list(message.point_cloud_resolutions), len(message.point_clouds)
-    if len(given) <= 1:
-        given = count * (given or [0.0])
-    if len(given) != count:
-        raise ValueError(f"{count} point clouds but {len(given)} resolutions for them")
-    return [value or CLOUD_RESOLUTION for value in given]
-
-
-def point_cloud_from_msg(message: PointCloud2, resolution: float = CLOUD_RESOLUTION, frame: str = "") -> PointCloud:
-    """A point cloud; of the points in a voxel only the first, which changes nothing of the body.
-
-    Args:
-        message: see `cloud_points`.
-        resolution: edge of the voxels [m].
-        frame: of the scene, in which the cloud must be if it names a frame.
+def attachments_from_msg(messages: Iterable[AttachedObstacleMsg], frame: str) -> tuple[AttachmentOperation, ...]:
+    """Changes of what the robot holds. `frame`: of the scene, in which point clouds must be that name a frame.
 
     Raises:
-        UnknownFrameError: if it names another frame.
-        ValueError: if it is no point cloud, or too large.
+        InvalidObstacleError, UnknownFrameError: as `diff_from_msg`.
     """
-    if message.header.frame_id not in ("", frame):
-        raise UnknownFrameError(message.header.frame_id, [frame] if frame else [])
-    return PointCloud(cloud_points(message), resolution).thinned()
+    return tuple(_attachment_from_msg(message, frame) for message in messages)
+
+
+def _attachment_from_msg(message: AttachedObstacleMsg, frame: str) -> AttachmentOperation:
+    name = message.obstacle.id
+    kind = _ATTACHMENTS.get(_byte(message.operation))
+    if kind is None:
+        raise InvalidObstacleError(name, f"unknown operation {message.operation!r} of an attached body")
+    if kind is AttachmentKind.REMOVE:
+        return AttachmentOperation.remove(name)
+    try:
+        pose = pose_from_msg(message.obstacle.pose)
+        if kind is AttachmentKind.DETACH:
+            return AttachmentOperation.detach(name, pose)
+        shapes = shapes_from_msg(message.obstacle, frame)
+    except ValueError as error:
+        raise InvalidObstacleError(name, str(error)) from error
+    if not shapes:
+        return AttachmentOperation.attach_known(name, message.link_name, pose, message.touch_links)
+    body = AttachedObstacle(Obstacle(name, shapes, pose), message.link_name, frozenset(message.touch_links))
+    return AttachmentOperation.attach(body)
+
+
+def permissions_from_msg(messages: Iterable[AllowedCollision]) -> tuple[CollisionPermission, ...]:
+    """Pairs that may touch, or no longer.
+
+    Raises:
+        InvalidObstacleError: if a name is missing.
+    """
+    return tuple(CollisionPermission(message.first, message.second, bool(message.allowed)) for message in messages)
 
 
 def scene_to_msg(scene: Scene) -> ObstacleScene:
-    """A whole scene as a message; its stamp is left to the caller."""
+    """A whole scene as a message; its stamp and epoch are left to the caller."""
     message = ObstacleScene()
     message.header.frame_id = scene.frame
     message.workspace_min = point_to_msg(scene.bounds.lower)
     message.workspace_max = point_to_msg(scene.bounds.upper)
     message.revision = scene.revision
     message.obstacles = [obstacle_to_msg(obstacle) for obstacle in scene.obstacles.values()]
+    message.attached = [attached_to_msg(body) for body in scene.attached.values()]
+    message.allowed_collisions = permissions_to_msg(scene.allowed_collisions)
     return message
 
 
-def obstacle_to_msg(obstacle: Obstacle) -> ObstacleMsg:
-    """An obstacle as a message with operation ADD."""
-    message = ObstacleMsg(id=obstacle.id, operation=ObstacleMsg.ADD, pose=pose_to_msg(obstacle.pose))
-    for shape, pose in obstacle.shapes:
-        if isinstance(shape, (Mesh, ConvexMesh)):
-            message.meshes.append(_mesh_to_msg(shape))
-            message.mesh_poses.append(pose_to_msg(pose))
-        elif isinstance(shape, HalfSpace):
-            message.planes.append(PlaneMsg(coef=[*shape.normal.tolist(), shape.offset]))
-            message.plane_poses.append(pose_to_msg(pose))
-        elif isinstance(shape, PointCloud):
-            message.point_clouds.append(cloud_to_msg(shape.points))
-            message.point_cloud_poses.append(pose_to_msg(pose))
-            message.point_cloud_resolutions.append(shape.resolution)
-        else:
-            message.primitives.append(_primitive_to_msg(shape))
-            message.primitive_poses.append(pose_to_msg(pose))
-    return message
-
-
-def _primitive_to_msg(shape: Shape) -> SolidPrimitive:
-    if isinstance(shape, Box):
-        return SolidPrimitive(type=SolidPrimitive.BOX, dimensions=shape.size.tolist())
-    if isinstance(shape, Sphere):
-        return SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[shape.radius])
-    assert isinstance(shape, (Cylinder, Cone))
-    kind = SolidPrimitive.CYLINDER if isinstance(shape, Cylinder) else SolidPrimitive.CONE
-    return SolidPrimitive(type=kind, dimensions=[shape.height, shape.radius])
-
-
-def _mesh_to_msg(shape: Mesh | ConvexMesh) -> MeshMsg:
-    if isinstance(shape, Mesh):
-        triangles = shape.triangles
-    else:
-        from scipy.spatial import ConvexHull  # a hull's triangles are needed for this message only
-
-        triangles = ConvexHull(shape.vertices).simplices
-    return MeshMsg(
-        vertices=[point_to_msg(vertex) for vertex in shape.vertices],
-        triangles=[MeshTriangle(vertex_indices=np.asarray(row, dtype=np.uint32)) for row in triangles],
+def attached_to_msg(body: AttachedObstacle) -> AttachedObstacleMsg:
+    """A body that is held, as a message with operation ATTACH."""
+    return AttachedObstacleMsg(
+        operation=AttachedObstacleMsg.ATTACH,
+        obstacle=obstacle_to_msg(body.obstacle),
+        link_name=body.link,
+        touch_links=sorted(body.touch_links),
     )
+
+
+def permissions_to_msg(pairs: Iterable[BodyPair]) -> list[AllowedCollision]:
+    """Pairs that may touch."""
+    return [AllowedCollision(first=first, second=second) for first, second in sorted(map(sorted, pairs))]
 
 
 def scene_from_msg(message: ObstacleScene) -> Scene:
@@ -268,9 +163,22 @@ def scene_from_msg(message: ObstacleScene) -> Scene:
     bounds = bounds_from_msg(message)
     if message.is_diff or bounds is None:
         raise InvalidObstacleError("*", "a whole scene with its bounds was expected")
-    obstacles = []
-    for operation in diff_from_msg(message).operations:
-        if operation.obstacle is None:
-            raise InvalidObstacleError(operation.id, "a whole scene only adds obstacles")
-        obstacles.append(operation.obstacle)
-    return Scene.of(obstacles, bounds, message.header.frame_id, message.revision)
+    require_distinct([obstacle.id for obstacle in message.obstacles])
+    scene = apply(Scene({}, bounds, message.header.frame_id, int(message.revision) - 1), diff_from_msg(message))
+    if len(scene.obstacles) != len(message.obstacles):
+        raise InvalidObstacleError("*", "a whole scene only adds obstacles")
+    return scene
+
+
+def require_distinct(ids: Sequence[str]) -> None:
+    """Raises InvalidObstacleError if an id occurs twice, as it may not in a whole scene."""
+    seen: set[str] = set()
+    for obstacle_id in ids:
+        if obstacle_id in seen:
+            raise InvalidObstacleError(obstacle_id, f"{ids.count(obstacle_id)} obstacles of a whole scene have this id")
+        seen.add(obstacle_id)
+
+
+def _byte(value: bytes | int) -> bytes:
+    """`byte` fields arrive as bytes of length one."""
+    return value if isinstance(value, bytes) else bytes([value])

@@ -5,17 +5,19 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneStatus
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode
 
+from bsp_informed_planner.collision.holding import HoldingRobot
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.errors import (
     EmptySceneError,
     PlanningCancelledError,
     RobotDescriptionError,
+    SceneEpochError,
     SceneRefusedError,
     SceneRevisionError,
     SceneUnavailableError,
@@ -28,6 +30,7 @@ from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.diff import SceneDiff, apply
 from bsp_informed_planner.scene.scene import Scene
 
 
@@ -36,12 +39,25 @@ class World:
     """A consistent snapshot, safe to use from any thread.
 
     Attributes:
-        robot: the robot.
-        planner: for this robot and scene; holds the decomposition.
+        planner: for a robot and a scene; holds the decomposition.
+        epoch: in which the decomposition node gave the scene its revision.
+        is_changed: whether this is the scene of that revision with changes that one request has made.
     """
 
-    robot: Robot
     planner: Planner
+    epoch: int
+    is_changed: bool = False
+
+    @property
+    def robot(self) -> Robot:
+        """With what it holds in the scene."""
+        return self.planner.robot
+
+    @property
+    def bare_robot(self) -> Robot:
+        """Without what it holds."""
+        robot = self.planner.robot
+        return robot.bare if isinstance(robot, HoldingRobot) else robot
 
     @property
     def scene(self) -> Scene:
@@ -51,25 +67,40 @@ class World:
     def revision(self) -> int:
         return self.planner.scene.revision
 
+    def changed(self, diff: SceneDiff) -> World:
+        """This world with changes that are nobody else's; its decomposition stays that of the scene as published.
+
+        Raises:
+            SceneError, UnknownFrameError: if the changes do not fit the scene or the robot.
+        """
+        if not (diff.operations or diff.attachments or diff.permissions):
+            return self
+        scene = replace(apply(self.scene, diff), revision=self.revision)
+        return World(Planner(self.robot, scene, decomposition=self.planner.decomposition), self.epoch, True)
+
 
 class WorldTracker:
     """Follows `scene`, `keypoint_graph` and `scene_status`.
 
+    The status says which epoch is in force. A scene of another one is not trusted: its owner has been restarted since,
+    and does not know it.
+
     Args:
         node: subscribes.
-        allow_empty_scene: whether `current` accepts a scene without obstacles.
+        allow_empty_scene: whether `current` accepts a scene without obstacles; may be changed.
     """
 
     def __init__(self, node: LifecycleNode, allow_empty_scene: bool = False) -> None:
         self._node = node
-        self._allow_empty_scene = allow_empty_scene
+        self.allow_empty_scene = allow_empty_scene
         self._lock = threading.Condition()
         self._robot: Robot | None = None
-        self._scene: Scene | None = None
+        self._status: SceneStatus | None = None
+        # With their epochs, in whatever order the topics deliver them.
+        self._scene: tuple[int, Scene] | None = None
         self._decomposition: tuple[int, Decomposition] | None = None
-        # Two reasons not to trust the scene at hand: its owner refused a newer one, or this node could not read it.
-        self._refusal = ""
-        self._unreadable = ""
+        # Epoch of a newest scene that could not be read here, and why.
+        self._unreadable = (0, "")
         self._world: World | None = None
         group = MutuallyExclusiveCallbackGroup()
         self._subscriptions = [
@@ -104,41 +135,51 @@ class WorldTracker:
         return self._robot
 
     @property
+    def robot_name(self) -> str:
+        """Empty if none is known yet."""
+        return "" if self._robot is None else self._robot.name
+
+    @property
+    def epoch(self) -> int:
+        """In force; 0: none is known."""
+        return 0 if self._status is None else int(self._status.epoch)
+
+    @property
     def revision(self) -> int:
         """Of the scene in force; 0 without one."""
-        return 0 if self._scene is None else self._scene.revision
+        return 0 if self._scene is None or self._scene[0] != self.epoch else self._scene[1].revision
 
     def current(
-        self, revision: int = 0, wait_seconds: float = 0.0, cancelled: Callable[[], bool] | None = None
+        self,
+        epoch: int = 0,
+        revision: int = 0,
+        wait_seconds: float = 0.0,
+        cancelled: Callable[[], bool] | None = None,
     ) -> World:
         """The world now.
 
         Args:
-            revision: the scene revision that it must have; 0: any.
-            wait_seconds: how long to wait for a revision that is to come [s]; not for callbacks of the executor.
+            epoch, revision: that the scene must have; 0: any.
+            wait_seconds: how long to wait for a scene that is to come [s]; not for callbacks of the executor.
             cancelled: asked while waiting.
 
         Raises:
             RobotDescriptionError: no robot is known yet.
-            SceneUnavailableError: no scene has arrived yet.
+            SceneUnavailableError: no scene has arrived yet, or the node that owns it is gone.
             SceneRefusedError: the newest scene message was refused.
-            SceneRevisionError: another revision is in force.
+            SceneEpochError, SceneRevisionError: another scene is in force.
             EmptySceneError: the scene has no obstacles.
             UnknownFrameError: the scene is not given in the root frame of the robot.
             PlanningCancelledError: cancelled while waiting.
         """
-        if revision > 0:
-            self._wait_for(revision, wait_seconds, cancelled)
+        if (epoch, revision) > (0, 0):
+            self._wait_for(epoch, revision, wait_seconds, cancelled)
         with self._lock:
             robot = self.robot
-            if self._refusal or self._unreadable:
-                raise SceneRefusedError(self._refusal or self._unreadable)
-            scene = self._scene
-            if scene is None:
-                raise SceneUnavailableError("no scene yet: publish one on obstacle_scene")
+            scene = self._trusted_scene(epoch)
             if revision not in (0, scene.revision):
                 raise SceneRevisionError(revision, scene.revision)
-            if scene.is_empty and not self._allow_empty_scene:
+            if scene.is_empty and not self.allow_empty_scene:
                 raise EmptySceneError(
                     f"scene {scene.revision} holds no obstacle; set parameter `allow_empty_scene` to plan in it"
                 )
@@ -146,20 +187,41 @@ class WorldTracker:
                 raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
             if self._world is not None:
                 return self._world
-            decomposition: Decomposition | None = None
-            if self._decomposition is not None and self._decomposition[0] == scene.revision:
+            epoch, decomposition = self.epoch, None
+            if self._decomposition is not None and self._decomposition[0] == epoch:
                 decomposition = self._decomposition[1]
+            if decomposition is not None and decomposition.scene_revision != scene.revision:
+                decomposition = None
         # Outside of the lock: a large scene takes a while, in which the subscriptions must go on.
-        world = World(robot, Planner(robot, scene, decomposition=decomposition))
+        world = World(Planner(robot, scene, decomposition=decomposition), epoch)
         with self._lock:
-            if self._scene is scene and self._robot is robot:
+            if self._scene is not None and self._scene[1] is scene and self.epoch == epoch and self._robot is robot:
                 self._world = world
         return world
 
-    def _wait_for(self, revision: int, seconds: float, cancelled: Callable[[], bool] | None) -> None:
+    def _trusted_scene(self, epoch: int) -> Scene:
+        status = self._status
+        if epoch not in (0, self.epoch):
+            raise SceneEpochError(epoch, self.epoch)
+        if status is None:
+            raise SceneUnavailableError("no scene yet: publish one on obstacle_scene")
+        refusal = self._refusal
+        if refusal:
+            raise SceneRefusedError(refusal)
+        if self._scene is None or self._scene[0] != status.epoch:
+            raise SceneUnavailableError("no scene yet: publish one on obstacle_scene")
+        if not self._node.count_publishers("scene"):
+            raise SceneUnavailableError(
+                f"nobody publishes `scene` any more, so changes of scene {self._scene[1].revision} would not be heard "
+                "of: is the decomposition node running?"
+            )
+        return self._scene[1]
+
+    def _wait_for(self, epoch: int, revision: int, seconds: float, cancelled: Callable[[], bool] | None) -> None:
         end = time.monotonic() + seconds
         with self._lock:
-            while self.revision < revision and not (self._refusal or self._unreadable):
+            # A greater epoch is newer: one that is over does not come back.
+            while not self._refusal and (self.epoch < epoch or (epoch in (0, self.epoch) and self.revision < revision)):
                 remaining = end - time.monotonic()
                 if remaining <= 0.0:
                     return
@@ -167,23 +229,32 @@ class WorldTracker:
                 if cancelled is not None and cancelled():
                     raise PlanningCancelledError
 
+    @property
+    def _refusal(self) -> str:
+        """Why the scene at hand is not to be trusted: its owner refused a newer one, or this node could not read it."""
+        status = self._status
+        if status is None or status.error_code == ErrorCode.COLLISION_CHECKING_UNAVAILABLE:
+            return ""
+        if status.error_code != ErrorCode.SUCCESS:
+            return str(status.message)
+        return self._unreadable[1] if self._unreadable[0] == status.epoch else ""
+
     def _on_scene(self, message: ObstacleScene) -> None:
         try:
             scene = scene_from_msg(message)
         except Exception as error:  # noqa: BLE001 -- a message must not end the node
-            self._distrust(f"scene {message.revision}: {error}")
+            self._distrust(int(message.epoch), f"scene {message.revision}: {error}")
             return
         with self._lock:
-            # A decomposition node that was restarted counts from one again: what it says last is in force.
-            self._scene = scene
-            self._unreadable = ""
+            self._scene = (int(message.epoch), scene)
+            self._unreadable = (0, "")
             self._world = None
             self._lock.notify_all()
 
-    def _distrust(self, reason: str) -> None:
+    def _distrust(self, epoch: int, reason: str) -> None:
         self._node.get_logger().error(reason)
         with self._lock:
-            self._unreadable = reason
+            self._unreadable = (epoch, reason)
             self._lock.notify_all()
 
     def _on_graph(self, message: KeypointGraph) -> None:
@@ -194,11 +265,13 @@ class WorldTracker:
             self._node.get_logger().error(f"keypoint_graph {message.scene_revision}: {error}")
             return
         with self._lock:
-            self._decomposition = (message.scene_revision, decomposition)
+            self._decomposition = (int(message.scene_epoch), decomposition)
             if self._world is not None and self._world.revision == message.scene_revision:
                 self._world = None
 
     def _on_status(self, message: SceneStatus) -> None:
         with self._lock:
+            if message.epoch != self.epoch:
+                self._world = None
+            self._status = message
             self._lock.notify_all()
-            self._refusal = "" if message.error_code == ErrorCode.SUCCESS else message.message

@@ -2,32 +2,47 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 
 from bsp_informed_planner.errors import PlanningCancelledError
 
+#: A kernel is given about as much work as fits in this time, between looks at clock and caller [s].
+_CHUNK_SECONDS = 2e-3
+_FIRST_CHUNK = 64
+_LARGEST_CHUNK = 1 << 16
 
-def _never() -> bool:
+
+def never() -> bool:
+    """False."""
     return False
 
 
 class Budget:
-    """Time, samples and the caller's patience, shared by all phases of one plan.
+    """Time, samples and the caller's patience, shared by all phases and threads of one plan.
 
     Args:
         seconds: time allowed from now [s].
         max_samples: most samples to draw; None: no bound but time.
         cancelled: asked often; True ends the search.
+        work: share of work that kernels are given at a time; None: as much as the clock allows. When the answers to
+            their questions come hangs on it, and so may what is found: a fixed share makes searches repeatable.
     """
 
     def __init__(
-        self, seconds: float, max_samples: int | None = None, cancelled: Callable[[], bool] | None = None
+        self,
+        seconds: float,
+        max_samples: int | None = None,
+        cancelled: Callable[[], bool] | None = None,
+        work: int | None = None,
     ) -> None:
         self._begin = time.monotonic()
         self._end = self._begin + seconds
-        self._cancelled = cancelled or _never
+        self._cancelled = cancelled or never
+        self._lock = threading.Lock()
         self.seconds = seconds
+        self.work = work
         self.max_samples = max_samples
         self.samples = 0
         self.valid_samples = 0
@@ -35,7 +50,7 @@ class Budget:
 
     def part(self, seconds: float, max_samples: int | None = None) -> Budget:
         """A budget of its own for a sub-problem: at most `seconds` of what remains, the same caller's patience."""
-        return Budget(min(seconds, self.remaining), max_samples, self._cancelled)
+        return Budget(min(seconds, self.remaining), max_samples, self._cancelled, self.work)
 
     @property
     def elapsed(self) -> float:
@@ -48,19 +63,16 @@ class Budget:
         return max(self._end - time.monotonic(), 0.0)
 
     @property
-    def samples_left(self) -> bool:
-        return self.max_samples is None or self.samples < self.max_samples
+    def samples_left(self) -> int:
+        """Samples that may still be drawn."""
+        return 1 << 62 if self.max_samples is None else max(self.max_samples - self.samples, 0)
 
-    @property
-    def samples_remaining(self) -> int | None:
-        """Samples that may still be drawn; None: no bound."""
-        return None if self.max_samples is None else max(self.max_samples - self.samples, 0)
-
-    def absorb(self, part: Budget) -> None:
-        """Charge what a part has spent, time apart, which runs for both."""
-        self.samples += part.samples
-        self.valid_samples += part.valid_samples
-        self.edges_checked += part.edges_checked
+    def charge(self, samples: int, valid_samples: int, edges: int) -> None:
+        """Charge what a kernel has spent."""
+        with self._lock:
+            self.samples += samples
+            self.valid_samples += valid_samples
+            self.edges_checked += edges
 
     def check_cancelled(self) -> None:
         """Raises PlanningCancelledError if the caller has cancelled."""
@@ -73,8 +85,7 @@ class Budget:
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        self.check_cancelled()
-        return not self.samples_left or time.monotonic() >= self._end
+        return self.samples_left <= 0 or self.is_out_of_time()
 
     def is_out_of_time(self) -> bool:
         """Whether time is used up.
@@ -84,3 +95,28 @@ class Budget:
         """
         self.check_cancelled()
         return time.monotonic() >= self._end
+
+
+class Chunks:
+    """Sizes of the shares of work that kernels are given: as large as the clock allows, small for a start.
+
+    Args:
+        fixed: all of them, whatever the clock says; None: as said.
+    """
+
+    def __init__(self, fixed: int | None = None) -> None:
+        self._fixed = fixed
+        self.work = _FIRST_CHUNK if fixed is None else fixed
+        self._begin = time.monotonic()
+
+    def begin(self) -> int:
+        """The next share of work; its time begins."""
+        self._begin = time.monotonic()
+        return self.work
+
+    def end(self, used: int) -> None:
+        """The share is done, of which so much was used."""
+        seconds = max(time.monotonic() - self._begin, 1e-6)
+        if used > 0 and self._fixed is None:
+            fitting = int(used * _CHUNK_SECONDS / seconds)
+            self.work = min(max(fitting, _FIRST_CHUNK // 4), 2 * self.work, _LARGEST_CHUNK)

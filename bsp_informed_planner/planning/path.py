@@ -7,15 +7,21 @@ import numpy as np
 from bsp_informed_planner.scene.pose import FloatArray
 
 
-def path_length(path: FloatArray) -> float:
-    """Joint-space length of a path (m, n), the cost of this project [rad or m]."""
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+def edge_lengths(path: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+    """(m - 1,) lengths of the edges of a path (m, n), each joint times its weight (n,), 1 by default."""
+    steps = np.diff(path, axis=0)
+    return np.asarray(np.linalg.norm(steps if weights is None else steps * weights, axis=1))
+
+
+def path_length(path: FloatArray, weights: FloatArray | None = None) -> float:
+    """Joint-space length of a path (m, n), each joint times its weight (n,): the cost of this project [rad or m]."""
+    return float(edge_lengths(path, weights).sum())
 
 
 def without_repeats(path: FloatArray, tolerance: float = 1e-7) -> FloatArray:
     """The path without configurations that repeat their predecessor; its ends stay."""
     keep = np.ones(len(path), dtype=bool)
-    keep[1:] = np.linalg.norm(np.diff(path, axis=0), axis=1) > tolerance
+    keep[1:] = edge_lengths(path) > tolerance
     kept = path[keep]
     if len(kept) == 1 and len(path) > 1:
         return np.asarray(path[[0, -1]])
@@ -23,10 +29,13 @@ def without_repeats(path: FloatArray, tolerance: float = 1e-7) -> FloatArray:
     return np.asarray(kept)
 
 
-def interpolate(path: FloatArray, step: float) -> FloatArray:
+def interpolate(path: FloatArray, step: float, weights: FloatArray | None = None) -> FloatArray:
     """States along a path, no two neighbours further apart than `step` in joint space; all waypoints are among them."""
     states = [path[:1]]
-    for start, end in zip(path[:-1], path[1:], strict=True):
-        pieces = max(int(np.ceil(np.linalg.norm(end - start) / step)), 1)
-        states.append(start + np.arange(1, pieces + 1)[:, None] / pieces * (end - start))
+    lengths = edge_lengths(path, weights)
+    for start, end, length in zip(path[:-1], path[1:], lengths, strict=True):
+        pieces = max(int(np.ceil(length / step)), 1)
+        inner = start + np.arange(1, pieces)[:, None] / pieces * (end - start)
+        # Waypoints to the bit: they are found by comparison.
+        states.extend((inner, end[None]))
     return np.concatenate(states)

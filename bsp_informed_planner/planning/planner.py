@@ -10,8 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.holding import robot_in_scene
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -26,9 +28,11 @@ from bsp_informed_planner.errors import (
     UnknownPlannerError,
     UnknownSamplerError,
 )
+from bsp_informed_planner.ompl_workers.process import OmplWorkers, require_ompl
 from bsp_informed_planner.planning.budget import Budget
-from bsp_informed_planner.planning.path import path_length
+from bsp_informed_planner.planning.ompl_search import OmplPathSearch
 from bsp_informed_planner.planning.problem import (
+    OMPL_PLANNER_IDS,
     PLANNER_IDS,
     SAMPLER_IDS,
     CostHistory,
@@ -38,11 +42,12 @@ from bsp_informed_planner.planning.problem import (
     PlanStatistics,
     Trajectory,
     default_blend_deviation,
+    default_search_resolution,
 )
+from bsp_informed_planner.planning.rrt_star import require_room
 from bsp_informed_planner.planning.search import Progress, Search
 from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.planning.validation import free_state, goal_configurations
-from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
 from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
@@ -54,8 +59,8 @@ logger = logging.getLogger(__name__)
 #: Time kept back for timing the path that is returned: a share of what is allowed, at most so many seconds.
 RESERVE_SHARE = 0.15
 RESERVE_SECONDS = 0.3
-#: Checkers of different paddings that are kept.
-MAX_CHECKERS = 8
+#: Judges of different paddings that are kept, and idle ones of each.
+MAX_JUDGES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +72,8 @@ class PreparedPlan:
         goals: (k, n) free, the nearest first.
         options: of the plan.
         seed: of its generator.
-        checker: the judge, of its own.
-        search_checker: keeps a little more distance where start and goals do, so that paths can be certified.
+        judges: the last check, one for each thread.
+        checks_before: what the judges had checked before.
         budget, search: what it spends, and how.
     """
 
@@ -76,8 +81,8 @@ class PreparedPlan:
     goals: FloatArray
     options: PlanOptions
     seed: int
-    checker: ExactChecker
-    search_checker: ExactChecker
+    judges: tuple[BoundedChecker, ...]
+    checks_before: int
     budget: Budget
     search: Search
 
@@ -105,23 +110,25 @@ class Planner:
     collision checker and a generator of its own.
 
     Args:
-        robot: the robot.
+        robot: the robot, without what it holds in the scene.
         scene: what to keep clear of, in the robot's root frame.
         decomposition: of this scene; None: made when first needed.
         guide_options: how keypoints are lifted to configurations.
         decomposition_options: used when the decomposition is made here; None: of the robot's workspace dimension.
+        ompl_workers: processes for OMPL's planners, of this robot, which planners of other scenes may share; None: of
+            its own, started when first needed.
 
     Raises:
-        UnknownFrameError: if the scene is not given in the root frame of the robot.
+        UnknownFrameError: if the scene is not given in the root frame of the robot, or attaches to an unknown link.
         RobotDescriptionError: if the robot has no collision geometry.
         InvalidOptionError: if the decomposition is of another scene, or of another dimension than the robot's.
         SceneError: if a shape of an obstacle has no volume.
 
-    Example:
-        >>> from bsp_informed_planner.robots.demo_arms import ur5                          # doctest: +SKIP
-        >>> planner = Planner(ur5(), load_scene("shelf.yaml"))                             # doctest: +SKIP
-        >>> result = planner.plan(PlanningProblem(start, [JointGoal(goal)]))               # doctest: +SKIP
-        >>> result.trajectory.positions                                                   # doctest: +SKIP
+    Examples:
+        >>> from bsp_informed_planner.robots.demo_arms import ur5  # doctest: +SKIP
+        >>> planner = Planner(ur5(), load_scene("shelf.yaml"))  # doctest: +SKIP
+        >>> result = planner.plan(PlanningProblem(start, [JointGoal(goal)]))  # doctest: +SKIP
+        >>> result.trajectory.positions  # doctest: +SKIP
     """
 
     def __init__(
@@ -132,6 +139,7 @@ class Planner:
         decomposition: Decomposition | None = None,
         guide_options: KeypointGuideOptions | None = None,
         decomposition_options: DecompositionOptions | None = None,
+        ompl_workers: OmplWorkers | None = None,
     ) -> None:
         if scene.frame != robot.root_frame:
             raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
@@ -144,13 +152,17 @@ class Planner:
                     "decomposition", of, f"dimension {robot.workspace_dimension}, frame and revision of the scene"
                 )
         ensure_compiled()
-        self.robot = robot
+        self.robot = robot_in_scene(robot, scene)
         self.scene = scene
         self._decomposition = decomposition
         self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
         self._guide_options = guide_options
+        self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
-        self._checkers = {0.0: ExactChecker(robot, scene)}
+        self._finest = default_search_resolution(self.robot) / 96.0
+        # By padding and resolution: judges to make others from, and others that no plan uses at the moment.
+        self._judges = {(0.0, self._finest): BoundedChecker(self.robot, scene, finest=self._finest)}
+        self._idle: dict[tuple[float, float], list[BoundedChecker]] = {}
 
     @property
     def decomposition(self) -> Decomposition:
@@ -165,13 +177,38 @@ class Planner:
 
     def checker(self, padding: float = 0.0) -> ExactChecker:
         """An exact collision checker of its own for the caller. `padding`: distance to keep from obstacles [m]."""
+        return self.judge(padding).judge
+
+    def judge(self, padding: float = 0.0, finest: float | None = None) -> BoundedChecker:
+        """The last check of configurations and edges, of its own for the caller.
+
+        Args:
+            padding: distance to keep from obstacles [m].
+            finest: shortest interval of its proofs [m]; None: the default of `PlanOptions.verification_resolution`.
+        """
+        key = padding, self._finest if finest is None else finest
         with self._lock:
-            if padding not in self._checkers:
-                self._checkers[padding] = ExactChecker(self.robot, self.scene, padding=padding)
-            # Paddings that callers make up must not pile up.
-            if len(self._checkers) > MAX_CHECKERS:
-                self._checkers = {padding: self._checkers[padding]}
-            return self._checkers[padding].clone()
+            if key not in self._judges:
+                # Paddings that callers make up must not pile up.
+                if len(self._judges) >= MAX_JUDGES:
+                    self._judges.clear()
+                self._judges[key] = BoundedChecker(self.robot, self.scene, *key)
+            return self._judges[key].clone()
+
+    def _judge(self, padding: float, finest: float) -> BoundedChecker:
+        """A judge that nobody else uses; `_release` gives it back."""
+        with self._lock:
+            idle = self._idle.get((padding, finest))
+            if idle:
+                return idle.pop()
+        return self.judge(padding, finest)
+
+    def _release(self, plan: PreparedPlan) -> None:
+        key = (plan.options.padding, plan.search.verification_resolution)
+        with self._lock:
+            if len(self._idle) >= MAX_JUDGES:
+                self._idle.clear()
+            self._idle[key] = [*self._idle.get(key, []), *plan.judges][:MAX_JUDGES]
 
     def plan(
         self,
@@ -197,9 +234,10 @@ class Planner:
             PlanningTimeoutError, SamplesExhaustedError: no verified path with the time or samples allowed.
             TrajectoryTimingError: a path, but no timing of it.
             PlanningCancelledError: the caller has cancelled.
+            MissingPackageError, PlannerProcessError: OMPL is not installed, or its process failed.
         """
         plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
-        return self.solve(plan, self.guide(plan) if guidance is None else guidance)
+        return self.solve(plan, (lambda: self.guide(plan)) if guidance is None else guidance)
 
     def prepare(
         self,
@@ -213,75 +251,107 @@ class Planner:
 
         Raises:
             UnknownPlannerError, UnknownSamplerError, ProblemError, PlanningCancelledError: see `plan`.
+            InvalidOptionError: for more samples than memory allows, or cost weights of other joints than the robot's.
+            InvalidOptionError: `max_samples` for one of OMPL's planners, whose samples cannot be counted.
+            MissingPackageError: OMPL is not installed.
         """
         options = options or PlanOptions()
         if options.planner_id not in PLANNER_IDS:
             raise UnknownPlannerError(options.planner_id, PLANNER_IDS)
+        if options.planner_id in OMPL_PLANNER_IDS:
+            require_ompl(options.planner_id)
+            if options.max_samples is not None:
+                raise InvalidOptionError("max_samples", options.max_samples, f"none for '{options.planner_id}'")
         if options.sampler_id not in SAMPLER_IDS:
             raise UnknownSamplerError(options.sampler_id, SAMPLER_IDS)
         seed = secrets.randbits(32) if options.seed is None else options.seed
         reserve = min(RESERVE_SHARE * options.allowed_seconds, RESERVE_SECONDS)
         budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled)
-        search = Search(self.robot, options, budget, np.random.default_rng(seed), on_progress)
+        if options.cost_weights is not None and len(options.cost_weights) != self.robot.dof:
+            raise InvalidOptionError("cost_weights", options.cost_weights, f"{self.robot.dof} numbers, one a joint")
+        if options.max_samples is not None:
+            require_room("max_samples", options.max_samples, self.robot.dof)
+        search = Search(self.robot, options, budget, seed, on_progress)
         search.report("validating")
-        checker = self.checker(options.padding)
-        start = free_state(self.robot, checker, "start", problem.start)
-        goals = goal_configurations(self.robot, checker, problem, start, options.max_goals)
-        # What keeps a finest interval's distance can be proved free, and that is next to nothing to give up.
-        roomy = self.checker(options.padding + search.verification_resolution)
-        with_room = [goal for goal in goals if roomy.is_free(goal)]
-        if with_room and roomy.is_free(start):
-            return PreparedPlan(start, np.array(with_room), options, seed, checker, roomy, budget, search)
-        return PreparedPlan(start, goals, options, seed, checker, checker, budget, search)
+        judges = tuple(self._judge(options.padding, search.verification_resolution) for _ in range(options.threads))
+        before = sum(judge.checks for judge in judges)
+        start = free_state(self.robot, judges[0], "start", problem.start)
+        goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals)
+        return PreparedPlan(start, goals, options, seed, judges, before, budget, search)
 
     def guide(self, plan: PreparedPlan) -> Guidance:
         """Guidance as the plan's options ask for, or uniform with the reason why not."""
         if plan.options.sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
             return Guidance("uniform")
+        if plan.options.planner_id in OMPL_PLANNER_IDS:
+            return Guidance("uniform", fallback_reason="OMPL's planners take no samples but their own")
         plan.search.report("guidance")
         try:
             guide = ExactKeypointGuide(self.robot, self.decomposition, self._guide_options)
             # Half of the time at most: without a chain, the other half is still there to search uniformly.
             half = plan.budget.part(0.5 * plan.budget.remaining)
-            return guide.guide(plan.start, plan.goals, plan.search_checker, half.is_out_of_time)
+            return guide.guide(plan.start, plan.goals, plan.judges[0], half.is_out_of_time)
         except KeypointsUnavailableError as error:
             logger.info("no keypoints: %s; sampling uniformly", error.reason)
             return Guidance("uniform", fallback_reason=f"no keypoints: {error.reason}")
 
-    def solve(self, plan: PreparedPlan, guidance: Guidance) -> PlanResult:
+    def solve(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         """The last part of `plan`: search, verification, timing. A prepared plan is solved once.
+
+        Args:
+            plan: from `prepare`.
+            guidance: or what makes it, once it is needed: most first paths are found sooner than guidance.
 
         Raises:
             PlanningTimeoutError, SamplesExhaustedError, PlanningCancelledError: see `plan`.
         """
+        try:
+            return self._solved(plan, guidance)
+        finally:
+            self._release(plan)
+
+    def _solved(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         options, budget, search = plan.options, plan.budget, plan.search
-        guidance = _fitting(guidance, plan)
-        last = CertifyingChecker(plan.search_checker, search.verification_resolution)
-        path = search.run(plan.search_checker, last, plan.start, plan.goals, guidance)
+
+        def fitting() -> Guidance:
+            return _fitting(guidance if isinstance(guidance, Guidance) else guidance(), plan)
+
+        if options.planner_id in OMPL_PLANNER_IDS:
+            path = self._ompl_path(plan)
+            used = fitting()
+        else:
+            known = isinstance(guidance, Guidance)
+            path = search.run(list(plan.judges), plan.start, plan.goals, fitting() if known else fitting)
+            used = search.guidance or self._unused(options)
         if path is None:
-            if not budget.samples_left:
+            if budget.samples_left <= 0:
                 raise SamplesExhaustedError(budget.samples)
             raise PlanningTimeoutError(options.allowed_seconds, budget.samples)
         if not np.array_equal(path[0], plan.start) or not (path[-1] == plan.goals).all(axis=1).any():
             raise PlanningFailedError("the search returned a path between other states than start and goal")
         search.report("timing")
-        judge = CertifyingChecker(plan.checker, search.verification_resolution)
-        trajectory, verdict = self._timed(path, judge, plan)
+        trajectory, verdict = self._timed(path, plan.judges[0], plan)
         search.report("done")
         return PlanResult(
             path=path,
             trajectory=trajectory,
-            cost=path_length(path),
+            cost=search.incumbent.cost,
             certified=verdict is Verdict.CERTIFIED,
-            cost_history=CostHistory(tuple(search.cost_seconds), tuple(search.costs)),
+            cost_history=CostHistory(tuple(search.incumbent.seconds), tuple(search.incumbent.costs)),
             planner_id=options.planner_id,
-            guidance=guidance,
+            guidance=used,
             verification_resolution=search.verification_resolution,
             scene_revision=self.scene.revision,
-            statistics=self._statistics(plan.seed, search, guidance, last.checks + judge.checks),
+            statistics=self._statistics(plan, used),
         )
 
-    def _timed(self, path: FloatArray, judge: CertifyingChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
+    def _ompl_path(self, plan: PreparedPlan) -> FloatArray | None:
+        """(m, n) a verified path, or None when the budget is spent without."""
+        rng = np.random.default_rng(plan.seed)
+        ompl = OmplPathSearch(self.ompl_workers, self.robot, self.scene, plan.options, plan.search, rng)
+        return ompl.run(plan.judges[0], plan.start, plan.goals)
+
+    def _timed(self, path: FloatArray, judge: BoundedChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
         """Time a verified path, its corners as round as they can be while it stays certified, if the path is.
 
         Raises:
@@ -292,6 +362,11 @@ class Planner:
         if deviation is None:
             deviation = default_blend_deviation(self.robot)
         fallback: tuple[Trajectory, Verdict] | None = None
+
+        def not_cancelled() -> bool:
+            plan.budget.check_cancelled()
+            return True
+
         for allowed in (deviation, deviation / 4.0, deviation / 16.0, 0.0):
             plan.budget.check_cancelled()
             trajectory = time_path(
@@ -301,7 +376,7 @@ class Planner:
                 deviation=allowed,
                 time_step=options.time_step,
             )
-            verdict = judge.verdict(trajectory.positions)
+            verdict = judge.verdict(trajectory.positions, not_cancelled)
             if verdict is Verdict.CERTIFIED:
                 return trajectory, verdict
             if verdict is Verdict.CHECKED and fallback is None:
@@ -313,10 +388,18 @@ class Planner:
             raise PlanningFailedError("the path found touches an obstacle in states between those checked before")
         return fallback
 
-    def _statistics(self, seed: int, search: Search, guidance: Guidance, checks: int) -> PlanStatistics:
+    @staticmethod
+    def _unused(options: PlanOptions) -> Guidance:
+        """What is said of a search that was over before guidance was asked for."""
+        if options.sampler_id == "uniform" or options.uniform_fraction == 1.0:
+            return Guidance("uniform")
+        return Guidance("uniform", fallback_reason="a path was found before keypoints were needed")
+
+    def _statistics(self, plan: PreparedPlan, guidance: Guidance) -> PlanStatistics:
+        search = plan.search
         decomposition = self._decomposition
         return PlanStatistics(
-            seed=seed,
+            seed=plan.seed,
             total_seconds=search.budget.elapsed,
             decomposition_seconds=0.0 if decomposition is None else decomposition.timings.total_seconds,
             inference_seconds=guidance.seconds,
@@ -326,7 +409,7 @@ class Planner:
             valid_samples=search.budget.valid_samples,
             nodes=search.nodes,
             edges_checked=search.budget.edges_checked,
-            exact_checks=checks,
+            exact_checks=sum(judge.checks for judge in plan.judges) - plan.checks_before,
             cells=0 if decomposition is None else decomposition.cell_count,
             portals=0 if decomposition is None else decomposition.portal_count,
             candidates=0 if decomposition is None else decomposition.candidate_count,

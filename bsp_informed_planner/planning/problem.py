@@ -15,7 +15,11 @@ from bsp_informed_planner.scene.pose import FloatArray, Pose
 
 @dataclass(frozen=True, eq=False)
 class JointGoal:
-    """A goal configuration, taken to the letter: a full turn away is another goal. `configuration`: (n,)."""
+    """A goal configuration, taken to the letter, but for whole turns of continuous joints: those are the same goal.
+
+    Attributes:
+        configuration: (n,) [rad or m].
+    """
 
     configuration: FloatArray
 
@@ -44,7 +48,15 @@ class PlanningProblem:
     goals: Sequence[Goal]
 
 
-PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt")
+#: OMPL's planners, in a worker process (extra `baselines`).
+OMPL_PLANNER_IDS = (
+    "ompl_rrt_connect",
+    "ompl_rrt_star",
+    "ompl_informed_rrt_star",
+    "ompl_bit_star",
+    "ompl_aorrtc",
+)
+PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt", *OMPL_PLANNER_IDS)
 SAMPLER_IDS = ("keypoint_tube", "uniform")
 
 
@@ -55,15 +67,20 @@ class PlanOptions:
     Attributes:
         planner_id: "anytime": straight line, bidirectional start seeded with guidance, shortcut, then RRT* until the
             time is over; "rrt_connect": the same without RRT*; "rrt_star", "rrt": these alone, as in the paper.
+            "ompl_...": OMPL's planners, which draw their own samples, with the same collision checks, last check and
+            timing; they have no `max_samples`.
         sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform".
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
-        seed: of the random number generator; None: one is drawn.
-        max_step: longest edge of a tree, eta; None: 3 % of the diagonal of the joint limits [rad or m].
-        search_resolution: no point of the robot moves further than this between states checked while searching [m];
-            None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only slides.
+        seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
+            same for the same seed, on any machine: "rrt_connect", or with `first_solution` or `max_samples`.
+        max_step: longest edge of a tree, eta; None: 5 % of the diagonal of the joint limits, or OMPL's own choice for
+            "ompl_rrt_star" and "ompl_informed_rrt_star" [rad or m]. "ompl_bit_star" has none.
+        search_resolution: where a planner searches with discrete checks (OMPL's), no point of the robot moves further
+            than this between two of them [m]; None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only
+            slides.
         verification_resolution: where the path that is returned cannot be proved free, since bodies are almost in
             touch, it is checked at states between which no point of the robot moves further than this [m]; None:
             a 96th of the default above.
@@ -74,6 +91,10 @@ class PlanOptions:
             for a robot that only slides.
         time_step: between two points of the trajectory [s].
         max_goals: most goal configurations (branches and windings) made from each pose.
+        cost_weights: (n,) of the joints in lengths, and so in the cost and in `max_step`; None: 1 each.
+        threads: 2: two threads search for one plan, each with samples of its own; the best path wins. Which one that is
+            may then depend on timing. It pays where cores are idle.
+        ompl_simplify: whether OMPL's simplification shortens what "ompl_rrt_connect" finds.
     """
 
     planner_id: str = "anytime"
@@ -92,6 +113,9 @@ class PlanOptions:
     blend_deviation: float | None = None
     time_step: float = 0.02
     max_goals: int = 16
+    cost_weights: tuple[float, ...] | None = None
+    threads: int = 1
+    ompl_simplify: bool = True
 
     def __post_init__(self) -> None:
         def require(name: str, holds: bool, expected: str) -> None:
@@ -112,6 +136,9 @@ class PlanOptions:
         deviation = 0.0 if self.blend_deviation is None else self.blend_deviation
         require("blend_deviation", bool(np.isfinite(deviation)) and deviation >= 0.0, "0 or more")
         require("max_samples", self.max_samples is None or self.max_samples >= 1, "at least 1, or none for no bound")
+        require("threads", self.threads in (1, 2), "1 or 2")
+        weights = () if self.cost_weights is None else self.cost_weights
+        require("cost_weights", all(np.isfinite(w) and w > 0.0 for w in weights), "positive numbers, one a joint")
         require("max_goals", self.max_goals >= 1, "at least 1")
         require("seed", self.seed is None or self.seed >= 0, "0 or more")
         for name in ("max_step", "search_resolution", "verification_resolution"):

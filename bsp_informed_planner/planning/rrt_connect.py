@@ -2,146 +2,206 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bsp_informed_planner.collision.checker import CollisionChecker
-from bsp_informed_planner.planning.budget import Budget
-from bsp_informed_planner.planning.sample_stream import SampleStream
-from bsp_informed_planner.planning.tree import Tree
-from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.collision.verdicts import Verdicts
+from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
+from bsp_informed_planner.planning.budget import Budget, Chunks, never
+from bsp_informed_planner.planning.connect_kernels import (
+    CHAIN,
+    COUNTERS,
+    EDGES,
+    FRESH,
+    GOAL,
+    MET_GOAL,
+    MET_START,
+    SAMPLES,
+    START,
+    VALID,
+    Trees,
+    connect,
+)
+from bsp_informed_planner.planning.question_kernels import (
+    ASK_NONE,
+    ASKED,
+    EMPTY,
+    FOUND,
+    FULL,
+    QUESTIONS,
+    SPENT,
+)
+from bsp_informed_planner.planning.sample_source import SampleSource
+from bsp_informed_planner.planning.subset_kernels import Space
+from bsp_informed_planner.planning.tree import (
+    add,
+    clear_tree,
+    enlarged,
+    new_questions,
+    new_tree,
+    nodes_and_parents,
+    path_to_root,
+)
+
+#: Tells whether an edge that the bounds leave open is free.
+Judge = Callable[[Floats, Floats], bool]
+
+_FIRST_CAPACITY = 1024
+_UNLIMITED = 1 << 62
 
 
 class RrtConnect:
     """Two trees, from the start and from all goals, that grow towards samples and then towards each other.
 
+    Its memory may be used for one search after another; see `restart`.
+
     Args:
-        checker: tells what is free.
-        start: (n,).
-        goals: (k, n).
+        verdicts: tell what is free; of this thread.
+        space: start, goals, and where samples are drawn.
         max_step: longest edge added at once [rad or m].
-        budget: what may be spent.
+        unsure: (1 + g,) which of start and goals the bounds leave open; None: none.
     """
 
-    def __init__(
-        self, checker: CollisionChecker, start: FloatArray, goals: FloatArray, max_step: float, budget: Budget
-    ) -> None:
-        self._checker = checker
-        self._max_step = max_step
-        self._budget = budget
-        self.start_tree = Tree(len(start))
-        self.goal_tree = Tree(len(start))
-        self.start_tree.add(start)
-        for goal in goals:
-            self.goal_tree.add(goal)
+    def __init__(self, verdicts: Verdicts, space: Space, max_step: float, unsure: Flags | None = None) -> None:
+        dimension = len(space.weights)
+        self._verdicts = verdicts
+        self._space = space
+        self._max_step = float(max_step)
+        self._unsure = np.zeros(len(space.ends), dtype=np.bool_) if unsure is None else unsure
+        self._chains = np.empty((0, dimension)), np.zeros(1, dtype=np.int64)
+        self._trees = Trees(
+            new_tree(_FIRST_CAPACITY, dimension),
+            new_tree(_FIRST_CAPACITY, dimension),
+            new_questions(dimension),
+            np.empty((QUESTIONS + 2, 2), dtype=np.int64),
+            np.zeros(COUNTERS, dtype=np.int64),
+        )
+        self.restart()
 
-    def seed(self, chains: Sequence[FloatArray]) -> FloatArray | None:
-        """Put the free prefix of each chain into the start tree and the free suffix into the goal tree.
+    def start_tree(self) -> tuple[Floats, Indices]:
+        """Copies of the nodes (m, n) of the tree from the start, and of their parents (m,), -1 for the root."""
+        return nodes_and_parents(self._trees.start)
+
+    def goal_tree(self) -> tuple[Floats, Indices]:
+        """The same of the tree from the goals."""
+        return nodes_and_parents(self._trees.goal)
+
+    @property
+    def nodes(self) -> int:
+        """How many nodes both trees have."""
+        return int(self._trees.start.size[0] + self._trees.goal.size[0])
+
+    @property
+    def effort(self) -> int:
+        """Samples drawn and edges checked since the last restart."""
+        return int(self._trees.counters[SAMPLES] + self._trees.counters[EDGES])
+
+    def restart(self) -> None:
+        """Begin again, with the start and the goals that are near enough for the bound of the space."""
+        trees, space = self._trees, self._space
+        clear_tree(trees.start)
+        clear_tree(trees.goal)
+        trees.counters[:] = 0
+        trees.questions.asked[0] = 0
+        self._chains = self._chains[0][:0], np.zeros(1, dtype=np.int64)
+        near = np.linalg.norm((space.ends - space.ends[0]) * space.weights, axis=1) < space.bound[0]
+        near[0] = False
+        add(trees.start, space.ends[:1], np.array([-1]), self._unsure[:1], space.weights)
+        add(trees.goal, space.ends[near], np.full(near.sum(), -1), self._unsure[near], space.weights)
+
+    def seed(self, chains: Sequence[Floats]) -> None:
+        """Before it goes on, the search puts the free prefix of each chain into the start tree, the free suffix into
+        the goal tree. A chain that is free as a whole solves the problem.
 
         Args:
-            chains: each (m, n), from the start to one of the goals. Chains of one problem share waypoints; an edge that
-                two chains share is checked and added once.
-
-        Returns:
-            (m, n) the first chain that is free as a whole, which solves the problem; else None.
+            chains: each (m, n), from the start to one of the goals, best first.
         """
-        known: dict[tuple[bytes, bytes], bool] = {}
+        self._trees.counters[CHAIN] = 0
+        if chains:
+            self._chains = np.concatenate(chains), np.cumsum([0, *(len(chain) for chain in chains)])
 
-        def free(a: FloatArray, b: FloatArray) -> bool:
-            key = (a.tobytes(), b.tobytes())
-            if key not in known:
-                self._budget.edges_checked += 1
-                known[key] = self._checker.is_edge_free(a, b)
-            return known[key]
+    def solve(
+        self,
+        source: SampleSource,
+        budget: Budget,
+        *,
+        ask: int = ASK_NONE,
+        judge: Judge | None = None,
+        effort: int = _UNLIMITED,
+        is_over: Callable[[], bool] = never,
+    ) -> Floats | None:
+        """Search until the trees meet. Called again after None, it goes on.
 
-        for chain in chains:
-            if self._budget.is_spent():
-                return None
-            first = self._extend_along(self.start_tree, chain, free)
-            if first == len(chain) - 1:
-                return chain
-            self._extend_along(self.goal_tree, chain[::-1], lambda a, b: free(b, a))
-        return None
-
-    def _extend_along(self, tree: Tree, chain: FloatArray, free: object) -> int:
-        """Add the free beginning of a chain to a tree that holds its first waypoint; returns how far it got."""
-        assert callable(free)
-        node = tree.nearest(chain[0])
-        for index in range(1, len(chain)):
-            if not free(chain[index - 1], chain[index]):
-                return index - 1
-            existing = tree.nearest(chain[index])
-            if np.array_equal(tree.nodes[existing], chain[index]):
-                node = existing
-            else:
-                node = tree.add(chain[index], node)
-        return len(chain) - 1
-
-    def solve(self, samples: SampleStream) -> FloatArray | None:
-        """Search until the trees meet.
+        Args:
+            source: samples.
+            budget: what may be spent.
+            ask: which undecided edges the judge is asked about; the others count as blocked.
+            judge: decides on them.
+            effort: about so many edges are checked, a measure that does not depend on the machine.
+            is_over: True when the search is not wanted any more.
 
         Returns:
-            (m, n) a path from the start to a goal, or None when the budget is spent.
+            (m, n) a path from the start to a goal, or None when budget or effort are spent.
 
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        # Seeded trees may see each other already.
-        met = self._connect_trees(self.start_tree, self.goal_tree)
-        if met is not None:
-            return self._path(*met)
-        growing, other = self.start_tree, self.goal_tree
-        while not self._budget.is_spent():
-            sample = samples.draw()
-            node = self._extend(growing, sample)
-            if node is not None:
-                self._budget.valid_samples += 1
-                reached = self._connect(other, growing.nodes[node])
-                if reached is not None:
-                    forward = growing is self.start_tree
-                    return self._path(node, reached) if forward else self._path(reached, node)
-            growing, other = other, growing
-        return None
-
-    def _steer(self, tree: Tree, near: int, target: FloatArray) -> FloatArray:
-        offset = target - tree.nodes[near]
-        distance = float(np.linalg.norm(offset))
-        if distance <= self._max_step:
-            return target
-        return np.asarray(tree.nodes[near] + offset * (self._max_step / distance))
-
-    def _extend(self, tree: Tree, target: FloatArray) -> int | None:
-        """One step from the nearest node towards a target; the new node, or None if the step is blocked."""
-        near = tree.nearest(target)
-        new = self._steer(tree, near, target)
-        self._budget.edges_checked += 1
-        if not self._checker.is_edge_free(tree.nodes[near].copy(), new):
-            return None
-        return tree.add(new, near)
-
-    def _connect(self, tree: Tree, target: FloatArray) -> int | None:
-        """Step after step towards a target; the node at the target if it was reached."""
-        target = target.copy()
-        near = tree.nearest(target)
-        while not self._budget.is_out_of_time():
-            new = self._steer(tree, near, target)
-            self._budget.edges_checked += 1
-            if not self._checker.is_edge_free(tree.nodes[near].copy(), new):
+        chunks, counters = Chunks(budget.work), self._trees.counters
+        done = 0
+        while done < effort and not is_over() and not budget.is_out_of_time():
+            samples, valid, edges = (int(counters[place]) for place in (SAMPLES, VALID, EDGES))
+            status = connect(
+                self._trees,
+                self._space,
+                source.supply,
+                self._verdicts.judgement,
+                *self._chains,
+                self._max_step,
+                min(samples + budget.samples_left, _UNLIMITED),
+                min(chunks.begin(), effort - done),
+                ask,
+            )
+            used = int(counters[SAMPLES] + counters[EDGES]) - samples - edges
+            done += used
+            chunks.end(used)
+            budget.charge(int(counters[SAMPLES]) - samples, int(counters[VALID]) - valid, int(counters[EDGES]) - edges)
+            if status == FOUND:
+                return self._path()
+            if status == SPENT or (status == FULL and not self._enlarge()):
                 return None
-            near = tree.add(new, near)
-            if np.array_equal(new, target):
-                return near
+            if status == EMPTY:
+                source.refill()
+            elif status == ASKED:
+                self._answer(judge, budget)
         return None
 
-    def _connect_trees(self, first: Tree, second: Tree) -> tuple[int, int] | None:
-        """Try the closest pair of nodes of the two trees."""
-        squared = ((first.nodes[:, None, :] - second.nodes[None, :, :]) ** 2).sum(axis=2)
-        _i, j = np.unravel_index(int(np.argmin(squared)), squared.shape)
-        reached = self._connect(first, second.nodes[j])
-        return None if reached is None else (reached, int(j))
+    def _path(self) -> Floats:
+        ahead = path_to_root(self._trees.start, int(self._trees.counters[MET_START]))
+        back = path_to_root(self._trees.goal, int(self._trees.counters[MET_GOAL]))[::-1]
+        return np.concatenate((ahead, back[1:]))
 
-    def _path(self, start_node: int, goal_node: int) -> FloatArray:
-        forward = self.start_tree.path_to_root(start_node)
-        backward = self.goal_tree.path_to_root(goal_node)[::-1]
-        return np.concatenate((forward, backward[1:]))
+    def _enlarge(self) -> bool:
+        larger = [enlarged(tree, self._space.weights) for tree in (self._trees.start, self._trees.goal)]
+        if larger[0] is None or larger[1] is None:
+            return False
+        self._trees = self._trees._replace(start=larger[0], goal=larger[1])
+        return True
+
+    def _answer(self, judge: Judge | None, budget: Budget) -> None:
+        """Ask the judge, and add the nodes whose edges are free."""
+        trees, questions = self._trees, self._trees.questions
+        for index in range(int(questions.asked[0])):
+            if judge is None or budget.is_out_of_time():
+                break
+            which, tail, unsure = questions.table[index]
+            tree = trees.start if which == START else trees.goal
+            head = questions.heads[index : index + 1]
+            if not judge(tree.nodes[tail], head[0]):
+                continue
+            node = add(tree, head, np.array([tail]), np.array([unsure == 1]), self._space.weights)
+            fresh = int(trees.counters[FRESH])
+            if fresh < len(trees.fresh):
+                trees.fresh[fresh] = (START if which == START else GOAL), node[0]
+                trees.counters[FRESH] = fresh + 1
+        questions.asked[0] = 0

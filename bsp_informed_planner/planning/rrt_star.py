@@ -1,207 +1,309 @@
-"""RRT* (Karaman and Frazzoli, 2011), k-nearest variant, inside the informed subset once a path is known."""
+"""RRT* (Karaman and Frazzoli, 2011) and RRT, for the planner and, by themselves, for experiments."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.collision.checker import CollisionChecker
-from bsp_informed_planner.planning.budget import Budget
-from bsp_informed_planner.planning.sample_stream import SampleStream
-from bsp_informed_planner.planning.tree import Tree
-from bsp_informed_planner.sampling.informed import InformedSampler, InformedUniformSampler
+from bsp_informed_planner.collision.verdicts import Verdicts
+from bsp_informed_planner.decomposition.array_types import Flags, Floats
+from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.planning.budget import Budget, Chunks
+from bsp_informed_planner.planning.path import interpolate
+from bsp_informed_planner.planning.question_kernels import (
+    ASK_NONE,
+    ASKED,
+    EMPTY,
+    FOUND,
+    FULL,
+    QUESTIONS,
+    SPENT,
+)
+from bsp_informed_planner.planning.rrt_connect import Judge
+from bsp_informed_planner.planning.sample_source import SampleSource
+from bsp_informed_planner.planning.space import new_space
+from bsp_informed_planner.planning.star_kernels import COUNTERS, EDGES, SAMPLES, VALID, Rules, Star, grow, update_best
+from bsp_informed_planner.planning.subset_kernels import Space
+from bsp_informed_planner.planning.tree import (
+    PREVIOUS_NODE,
+    add,
+    clear_tree,
+    enlarged,
+    max_nodes,
+    new_questions,
+    new_tree,
+    path_to_root,
+)
 from bsp_informed_planner.sampling.sampler import Sampler
-from bsp_informed_planner.scene.pose import FloatArray
 
-ImprovementCallback = Callable[[FloatArray, float], None]
+_FIRST_CAPACITY = 1024
+_UNLIMITED = 1 << 62
+#: Chance of trying to reach a goal instead of a sample.
+GOAL_BIAS = 0.05
+
+
+def require_room(option: str, samples: int, dimension: int) -> None:
+    """Refuses sample budgets whose tree would not fit into the memory that it may take.
+
+    Raises:
+        InvalidOptionError: naming the most samples there may be.
+    """
+    most = max_nodes(dimension)
+    if samples > most:
+        raise InvalidOptionError(option, samples, f"at most {most}, by the memory of a tree of so many nodes")
 
 
 class RrtStar:
     """A tree from the start that is rewired towards shorter paths.
 
     Args:
-        checker: tells what is free.
-        start: (n,).
-        goals: (k, n); the tree may reach any of them.
-        sampler: where samples come from.
-        lower, upper: (n,) the box in which samples are drawn once a path is known.
+        verdicts: tell what is free; of this thread.
+        space: start, goals, and where samples are drawn. The bound of an informed search follows its best cost.
         max_step: longest edge, eta [rad or m].
-        budget: what may be spent.
         rewire: False makes it plain RRT: no choice of parents, no rewiring.
+        informed: whether only what may improve the best path is added, once there is one.
         goal_bias: chance of trying to reach a goal instead of a sample.
+        unsure: (1 + g,) which of start and goals the bounds leave open; None: none.
+        history: after how many samples at most the best cost is noted.
     """
 
     def __init__(
         self,
-        checker: CollisionChecker,
-        start: FloatArray,
-        goals: FloatArray,
-        sampler: Sampler,
-        lower: FloatArray,
-        upper: FloatArray,
+        verdicts: Verdicts,
+        space: Space,
         max_step: float,
-        budget: Budget,
         *,
         rewire: bool = True,
-        goal_bias: float = 0.05,
+        informed: bool = True,
+        goal_bias: float = GOAL_BIAS,
+        unsure: Flags | None = None,
+        history: int = 0,
     ) -> None:
-        self._checker = checker
-        self._goals = goals
-        self._sampler = sampler
-        self._lower = lower
-        self._upper = upper
-        self._max_step = max_step
-        self._budget = budget
-        self._rewire = rewire
-        self._goal_bias = goal_bias
-        self._neighbour_factor = np.e * (1.0 + 1.0 / len(start))
-        self._goal_nodes: dict[int, int] = {}
-        self.best_cost = float("inf")
-        self.tree = Tree(len(start))
-        self.tree.add(start)
+        dimension, goals = len(space.weights), len(space.ends) - 1
+        self._verdicts = verdicts
+        self._space = space
+        self._unsure = np.zeros(goals + 1, dtype=np.bool_) if unsure is None else unsure
+        self._rules = Rules(float(max_step), float(goal_bias), _UNLIMITED, bool(rewire), bool(informed), 0.0)
+        capacity = min(max(_FIRST_CAPACITY, 2 * history), max_nodes(dimension))
+        self._star = Star(
+            new_tree(capacity, dimension),
+            np.empty(goals, dtype=np.int64),
+            new_questions(dimension),
+            np.empty(COUNTERS, dtype=np.int64),
+            np.empty(2),
+            np.empty(history),
+        )
+        self.restart()
 
-    def insert_path(self, path: FloatArray) -> None:
-        """Start from a known path (m, n), free, from the start to a goal, in steps of at most `max_step`."""
-        node = 0
-        for begin, end in zip(path[:-1], path[1:], strict=True):
-            pieces = max(int(np.ceil(np.linalg.norm(end - begin) / self._max_step)), 1)
-            for piece in range(1, pieces + 1):
-                # The last piece is the waypoint itself, to the bit: goals are found by comparison.
-                point = end if piece == pieces else begin + piece / pieces * (end - begin)
-                node = self.tree.add(point, node)
-        for index, goal in enumerate(self._goals):
-            if np.abs(goal - path[-1]).max() < 1e-9:
-                self._goal_nodes[index] = node
-        self.best_cost = min(self.best_cost, float(self.tree.costs[node]))
+    @property
+    def nodes(self) -> int:
+        """How many nodes the tree has."""
+        return int(self._star.tree.size[0])
+
+    @property
+    def best_cost(self) -> float:
+        """Of the best path; infinite if there is none."""
+        return float(self._star.costs[0])
+
+    @property
+    def history(self) -> Floats:
+        """(k,) the best cost after each sample so far, infinite without a path; noted as far as asked for."""
+        return self._star.history[: self._star.counters[SAMPLES]]
+
+    def restart(self) -> None:
+        """Begin again, with the start alone."""
+        star = self._star
+        clear_tree(star.tree)
+        star.goal_nodes[:] = -1
+        star.questions.asked[0] = 0
+        star.counters[:] = 0
+        star.costs[:] = np.inf
+        star.history[:] = np.inf
+        add(star.tree, self._space.ends[:1], np.array([-1]), self._unsure[:1], self._space.weights)
+
+    def insert_path(self, path: Floats) -> None:
+        """Add a path (m, n) that is known to be free, from the start to a goal, in steps of at most `max_step`."""
+        points = interpolate(path, self._rules.max_step, self._space.weights)[1:]
+        while len(points) > len(self._star.tree.nodes) - self.nodes - QUESTIONS:
+            if not self._enlarge():
+                return
+        star, space = self._star, self._space
+        parents = np.full(len(points), PREVIOUS_NODE)
+        parents[0] = 0
+        last = add(star.tree, points, parents, np.zeros(len(points), dtype=np.bool_), space.weights)[-1]
+        for goal in np.flatnonzero((space.ends[1:] == path[-1]).all(axis=1)):
+            reached = star.goal_nodes[goal]
+            if reached < 0 or star.tree.costs[last] < star.tree.costs[reached]:
+                star.goal_nodes[goal] = last
+        update_best(star)
+        star.costs[1] = star.costs[0]
 
     def solve(
         self,
-        rng: np.random.Generator,
+        source: SampleSource,
+        budget: Budget,
         *,
-        stop_at_first: bool = False,
-        on_improvement: ImprovementCallback | None = None,
-    ) -> FloatArray | None:
-        """Search until the budget is spent.
+        ask: int = ASK_NONE,
+        judge: Judge | None = None,
+        effort: int = _UNLIMITED,
+        gain: float = 0.0,
+    ) -> Floats | None:
+        """Search until there is a better path. Called again, it goes on.
 
         Args:
-            rng: generator.
-            stop_at_first: return as soon as there is a path.
-            on_improvement: called with each better path (m, n) and its cost.
+            source: samples.
+            budget: what may be spent.
+            ask: which undecided edges the judge is asked about; the others count as blocked.
+            judge: decides on them.
+            effort: about so many edges are checked, a measure that does not depend on the machine.
+            gain: return when the best cost has fallen by this share since the last time; 1: never for that.
 
         Returns:
-            (m, n) the best path, or None.
+            (m, n) the best path, or None when budget or effort are spent without a better one.
 
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        stream = SampleStream(self._sampler, rng, self._budget)
-        informed_cost = float("inf")
-        if self.best_cost < float("inf"):
-            informed_cost = self.best_cost
-            stream.redirect(self._informed(informed_cost))
-        while not self._budget.is_spent():
-            if self._unreached() and rng.uniform() < self._goal_bias:
-                target = self._goals[int(rng.choice(self._unreached()))]
-                self._budget.samples += 1
-            else:
-                target = stream.draw()
-            node = self._grow(target)
-            if node is None:
-                continue
-            self._budget.valid_samples += 1
-            self._try_goals(node)
-            cost = self._cost_to_goal()
-            if cost < self.best_cost - 1e-9:
-                self.best_cost = cost
-                if on_improvement is not None:
-                    on_improvement(self._best_path(), cost)
-                if stop_at_first:
-                    break
-                # A new subset costs a QR for each goal and the rest of the batch: only for a gain worth it.
-                # `on_improvement` may have inserted a still shorter path.
-                if self._rewire and self.best_cost < 0.99 * informed_cost:
-                    informed_cost = self.best_cost
-                    stream.redirect(self._informed(informed_cost))
-        return self._best_path() if self._goal_nodes else None
+        chunks, counters = Chunks(budget.work), self._star.counters
+        done = 0
+        while done < effort and not budget.is_out_of_time():
+            samples, valid, edges = (int(counters[place]) for place in (SAMPLES, VALID, EDGES))
+            status = grow(
+                self._star,
+                self._space,
+                source.supply,
+                self._verdicts.judgement,
+                self._rules._replace(max_samples=min(samples + budget.samples_left, _UNLIMITED), gain=float(gain)),
+                self._unsure[1:],
+                min(chunks.begin(), effort - done),
+                ask,
+            )
+            used = int(counters[SAMPLES] + counters[EDGES]) - samples - edges
+            done += used
+            chunks.end(used)
+            budget.charge(int(counters[SAMPLES]) - samples, int(counters[VALID]) - valid, int(counters[EDGES]) - edges)
+            if status == FOUND:
+                return self.best_path()
+            if status == SPENT or (status == FULL and not self._enlarge()):
+                return None
+            if status == EMPTY:
+                source.refill()
+            elif status == ASKED:
+                self._answer(judge, budget)
+        return None
 
-    def _informed(self, cost: float) -> Sampler:
-        subset = InformedUniformSampler(self.tree.nodes[0], self._goals, cost, self._lower, self._upper)
-        return InformedSampler(self._sampler, subset)
-
-    def _unreached(self) -> list[int]:
-        return [index for index in range(len(self._goals)) if index not in self._goal_nodes]
-
-    def _is_edge_free(self, start: FloatArray, end: FloatArray) -> bool:
-        self._budget.edges_checked += 1
-        return self._checker.is_edge_free(start, end)
-
-    def _grow(self, target: FloatArray) -> int | None:
-        """Add a node towards a target, under the parent that makes its path shortest, and rewire around it."""
-        tree = self.tree
-        distances = tree.distances(target)
-        near = int(np.argmin(distances))
-        if distances[near] < 1e-9:
+    def best_path(self) -> Floats | None:
+        """(m, n) the best path so far; None if there is none."""
+        nodes = self._star.goal_nodes[self._star.goal_nodes >= 0]
+        if not len(nodes):
             return None
-        if distances[near] > self._max_step:
-            new = tree.nodes[near] + (target - tree.nodes[near]) * (self._max_step / distances[near])
-            distances = tree.distances(new)
-        else:
-            new = target
-        if not self._rewire:
-            return tree.add(new, near) if self._is_edge_free(tree.nodes[near].copy(), new) else None
+        return path_to_root(self._star.tree, int(nodes[np.argmin(self._star.tree.costs[nodes])]))
 
-        count = min(int(np.ceil(self._neighbour_factor * np.log(len(tree) + 1))), len(tree))
-        neighbours = np.argpartition(distances, count - 1)[:count]
-        neighbours = neighbours[distances[neighbours] <= 2.0 * self._max_step]
-        if near not in neighbours:
-            neighbours = np.append(neighbours, near)
-        through = tree.costs[neighbours] + distances[neighbours]
-        blocked: set[int] = set()
-        parent = None
-        for index in np.argsort(through):
-            candidate = int(neighbours[index])
-            if self._is_edge_free(tree.nodes[candidate].copy(), new):
-                parent = candidate
+    def _enlarge(self) -> bool:
+        larger = enlarged(self._star.tree, self._space.weights)
+        if larger is None:
+            return False
+        self._star = self._star._replace(tree=larger)
+        return True
+
+    def _answer(self, judge: Judge | None, budget: Budget) -> None:
+        """Ask the judge, and add the nodes whose edges are free."""
+        star, questions = self._star, self._star.questions
+        for index in range(int(questions.asked[0])):
+            if judge is None or budget.is_out_of_time():
                 break
-            blocked.add(candidate)
-        if parent is None:
-            return None
-        node = tree.add(new, parent)
-        for candidate in (int(index) for index in neighbours):
-            if candidate == parent or candidate in blocked or candidate == 0:
+            goal, tail, unsure = (int(value) for value in questions.table[index])
+            if goal > 0 and star.goal_nodes[goal - 1] >= 0:
                 continue
-            if tree.costs[node] + distances[candidate] < tree.costs[candidate] - 1e-9 and self._is_edge_free(
-                new, tree.nodes[candidate].copy()
-            ):
-                tree.set_parent(candidate, node)
-        return node
+            head = questions.heads[index : index + 1]
+            if judge(star.tree.nodes[tail], head[0]):
+                node = add(star.tree, head, np.array([tail]), np.array([unsure == 1]), self._space.weights)
+                if goal > 0:
+                    star.goal_nodes[goal - 1] = node[0]
+        questions.asked[0] = 0
+        update_best(star)
 
-    def _try_goals(self, node: int) -> None:
-        """Connect a new node with every goal in reach that it makes cheaper."""
-        tree = self.tree
-        configuration = tree.nodes[node].copy()
-        for index, goal in enumerate(self._goals):
-            distance = float(np.linalg.norm(goal - configuration))
-            if distance > self._max_step:
-                continue
-            reached = self._goal_nodes.get(index)
-            if reached == node:
-                continue
-            cost = float(tree.costs[node]) + distance
-            if reached is not None and cost >= tree.costs[reached] - 1e-9:
-                continue
-            if distance < 1e-12:
-                self._goal_nodes[index] = node
-            elif self._is_edge_free(configuration, goal):
-                if reached is None:
-                    self._goal_nodes[index] = tree.add(goal, node)
-                elif self._rewire:
-                    tree.set_parent(reached, node)
 
-    def _cost_to_goal(self) -> float:
-        return min((float(self.tree.costs[node]) for node in self._goal_nodes.values()), default=float("inf"))
+@dataclass(frozen=True, eq=False)
+class StarResult:
+    """What RRT* or RRT made of a fixed number of samples.
 
-    def _best_path(self) -> FloatArray:
-        best = min(self._goal_nodes.values(), key=lambda node: float(self.tree.costs[node]))
-        return self.tree.path_to_root(best)
+    Attributes:
+        path: (m, n) the best path, or None.
+        costs: (N,) cost of the best path after each sample, infinite while there is none.
+        first_seconds: time to the first path, samples drawn outside of the kernels included; infinite without [s].
+        seconds: time of all [s].
+        nodes: of the tree.
+        valid_samples: samples that became a node.
+        edges_checked: how many edges.
+    """
+
+    path: Floats | None
+    costs: Floats
+    first_seconds: float
+    seconds: float
+    nodes: int
+    valid_samples: int
+    edges_checked: int
+
+
+def plan_rrt_star(
+    verdicts: Verdicts,
+    start: Floats,
+    goals: Floats,
+    samples: int,
+    *,
+    lower: Floats,
+    upper: Floats,
+    max_step: float,
+    rng: np.random.Generator,
+    sampler: Sampler | None = None,
+    uniform_fraction: float = 0.5,
+    rewire: bool = True,
+    informed: bool = False,
+    goal_bias: float = GOAL_BIAS,
+    weights: Floats | None = None,
+) -> StarResult:
+    """RRT* or RRT with a fixed number of samples from a fixed sampler, as in the experiments of the paper.
+
+    Edges that the conservative bounds leave open count as blocked: what is found is proved free.
+
+    Args:
+        verdicts: tell what is free; of this thread.
+        start: (n,) free.
+        goals: (k, n) or (n,) free; any of them may be reached.
+        samples: N, how many to draw.
+        lower, upper: (n,) box of the uniform samples.
+        max_step: longest edge, eta [rad or m].
+        rng: generator.
+        sampler: of the samples that are not uniform; None: all are.
+        uniform_fraction: chance lambda of a uniform sample.
+        rewire: False makes it RRT.
+        informed: draw and keep only what can improve the best path (not in the paper).
+        goal_bias: chance of trying to reach a goal instead of a sample, which counts as one.
+        weights: (n,) of the joints in lengths; 1 by default.
+
+    Raises:
+        InvalidOptionError: for more samples than memory allows, or a lambda outside [0, 1].
+    """
+    dimension = len(start)
+    require_room("samples", samples, dimension)
+    begin = time.perf_counter()
+    space = new_space(start, goals, lower, upper, rng, weights)
+    source = SampleSource(dimension, rng, sampler, uniform_fraction)
+    tree = RrtStar(verdicts, space, max_step, rewire=rewire, informed=informed, goal_bias=goal_bias, history=samples)
+    budget = Budget(float("inf"), max_samples=samples)
+    found = tree.solve(source, budget)
+    first_seconds = time.perf_counter() - begin if found is not None else float("inf")
+    tree.solve(source, budget, gain=1.0)
+    return StarResult(
+        tree.best_path(),
+        tree.history.copy(),
+        first_seconds,
+        time.perf_counter() - begin,
+        tree.nodes,
+        budget.valid_samples,
+        budget.edges_checked,
+    )

@@ -1,38 +1,32 @@
-"""The order of play of one search."""
+"""One search: from validated start and goals to a verified path, by one thread or two."""
 
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from bsp_informed_planner.collision.checker import CollisionChecker
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_search_resolution
-from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.rrt_star import RrtStar
-from bsp_informed_planner.planning.sample_stream import SampleStream
-from bsp_informed_planner.planning.shortcut import shortcut
-from bsp_informed_planner.planning.verification import CertifyingChecker, FineChecker, verified
+from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
-from bsp_informed_planner.sampling.informed import InformedSampler, InformedUniformSampler
-from bsp_informed_planner.sampling.sampler import ClippedSampler, Sampler, UniformSampler, with_uniform_fraction
 from bsp_informed_planner.scene.pose import FloatArray
 
 logger = logging.getLogger(__name__)
 
-#: A path this much longer than the straight line, relatively, cannot be improved on.
-OPTIMALITY_TOLERANCE = 1e-6
 #: Start and goal nearer than this in every joint are joined by an edge, whatever the planner [rad or m].
 SAME_STATE = 1e-6
-#: A path is worth verifying when it is this much shorter than the best verified one.
-WORTH_VERIFYING = 0.99
-#: Share of the time for improvement that goes into restarts; the rest goes into RRT*.
-RESTART_SHARE = 0.5
+
+
+#: Longest edge of a tree by default, as a share of the diagonal of the joint limits.
+DEFAULT_STEP = 0.05
 
 
 @dataclass(frozen=True)
@@ -65,41 +59,24 @@ def sampling_bounds(robot: Robot, start: FloatArray, goals: FloatArray) -> tuple
     return np.where(robot.revolute, lower, robot.lower), np.where(robot.revolute, upper, robot.upper)
 
 
-@dataclass(frozen=True, eq=False)
-class SearchSpace:
-    """What is searched.
-
-    Attributes:
-        start: (n,) free.
-        goals: (k, n) free, the nearest first.
-        sampler: where samples come from.
-        uniform: over the box in which they are drawn.
-        last: the last check of paths.
-    """
-
-    start: FloatArray
-    goals: FloatArray
-    sampler: Sampler
-    uniform: UniformSampler
-    last: CertifyingChecker
-
-    def rrt_star(self, checker: CollisionChecker, max_step: float, budget: Budget, rewire: bool = True) -> RrtStar:
-        """A tree of its own in this space."""
-        box = self.uniform
-        return RrtStar(
-            checker, self.start, self.goals, self.sampler, box.lower, box.upper, max_step, budget, rewire=rewire
-        )
-
-
 class Search:
-    """One search: from validated start and goals to a verified path.
+    """One search.
 
     Args:
         robot: gives the limits.
         options: of the plan.
         budget: what may be spent; shared with the rest of the plan.
-        rng: generator.
+        seed: of the generators.
         on_progress: told of each phase and each better path.
+
+    Attributes:
+        budget: as given.
+        incumbent: the best path so far, and the history of its cost.
+        max_step: longest edge of a tree [rad or m].
+        search_resolution, verification_resolution: see `PlanOptions` [m].
+        first_solution_seconds: when there was a first verified path; 0: there is none [s].
+        verification_seconds: time spent on verifying paths from elsewhere [s].
+        nodes: of all trees.
     """
 
     def __init__(
@@ -107,48 +84,65 @@ class Search:
         robot: Robot,
         options: PlanOptions,
         budget: Budget,
-        rng: np.random.Generator,
+        seed: int,
         on_progress: Callable[[Progress], None] | None = None,
     ) -> None:
         self._robot = robot
         self._options = options
-        self.budget = budget
-        self._rng = rng
+        self._seeds = np.random.SeedSequence(seed)
         self._on_progress = on_progress
-        self._phase = "validating"
-        self.max_step = options.max_step or 0.03 * float(np.linalg.norm(robot.upper - robot.lower))
+        self._lock = threading.Lock()
+        self.budget = budget
+        weights = np.ones(robot.dof) if options.cost_weights is None else np.array(options.cost_weights, dtype=float)
+        self.incumbent = Incumbent(lambda: budget.elapsed, weights)
+        diagonal = float(np.linalg.norm((robot.upper - robot.lower) * weights))
+        self.max_step = options.max_step or DEFAULT_STEP * diagonal
         default = default_search_resolution(robot)
         self.search_resolution = options.search_resolution or default
         self.verification_resolution = options.verification_resolution or default / 96.0
-        self.costs: list[float] = []
-        self.cost_seconds: list[float] = []
         self.first_solution_seconds = 0.0
         self.verification_seconds = 0.0
         self.nodes = 0
+        self._guidance: Guidance | None = None
 
     def report(self, phase: str) -> None:
-        """Tell the caller of a new phase."""
-        self._phase = phase
+        """Tell the caller of a phase."""
         if self._on_progress is not None:
-            best = self.costs[-1] if self.costs else None
+            best = self.incumbent.cost if self.incumbent.path is not None else None
             self._on_progress(Progress(phase, self.budget.elapsed, best, self.budget.samples))
+
+    def length(self, path: FloatArray) -> float:
+        """Cost of a path (m, n)."""
+        return path_length(path, self.incumbent.weights)
+
+    def record(self, path: FloatArray, phase: str = "improving") -> bool:
+        """Take a verified path (m, n), if it is the best so far. Returns whether it is."""
+        if not self.incumbent.offer(path):
+            return False
+        if self.first_solution_seconds == 0.0:
+            self.first_solution_seconds = self.incumbent.seconds[-1]
+        self.report(phase)
+        return True
+
+    @property
+    def guidance(self) -> Guidance | None:
+        """What guided the search; None: it was over before guidance was asked for."""
+        return self._guidance
 
     def run(
         self,
-        checker: CollisionChecker,
-        last: CertifyingChecker,
+        judges: list[BoundedChecker],
         start: FloatArray,
         goals: FloatArray,
-        guidance: Guidance,
+        guidance: Guidance | Callable[[], Guidance],
     ) -> FloatArray | None:
         """Search as the planner id says.
 
         Args:
-            checker: the exact check, for searching.
-            last: the last check of paths.
+            judges: the last check; one for each thread.
             start: (n,) free.
             goals: (k, n) free, the nearest first.
-            guidance: chains and sampler.
+            guidance: chains and sampler, or what makes them once they are needed.
 
         Returns:
             (m, n) a verified path, or None when the budget is spent without.
@@ -156,152 +150,73 @@ class Search:
         Raises:
             PlanningCancelledError: if the caller has cancelled.
         """
-        lower, upper = sampling_bounds(self._robot, start, goals)
-        uniform = UniformSampler(lower, upper)
-        sampler: Sampler = uniform
-        if guidance.sampler is not None:
-            informed = ClippedSampler(guidance.sampler, self._robot.lower, self._robot.upper)
-            sampler = with_uniform_fraction(informed, uniform, self._options.uniform_fraction)
-        space = SearchSpace(start, goals, sampler, uniform, last)
-        search: CollisionChecker = FineChecker(checker, self.search_resolution)
-        path: FloatArray | None = None
-        while path is None and not self.budget.is_spent():
-            found = self._first(search, space, guidance)
-            if found is None:
-                return None
-            path = self._verified(found, last)
-            if path is None and search is last:
-                # Every edge passed this very check, so only time can have ended a repair.
-                return None
-            # What the coarse check let through will come back: search on with the last one.
-            search = last
-        if path is None:
-            return None
-        if not self.costs:
-            self._record(path)
-        if self._options.planner_id == "anytime" and not self._options.first_solution:
-            path = self._improved(path, search, space)
-        return path
-
-    def _first(self, checker: CollisionChecker, space: SearchSpace, guidance: Guidance) -> FloatArray | None:
-        """A first path at the search's resolution, shortened unless the planner is a plain one."""
+        if isinstance(guidance, Guidance):
+            self._guidance = guidance
         self.report("searching")
-        nearest = space.goals[int(np.argmin(np.linalg.norm(space.goals - space.start, axis=1)))]
-        if np.abs(nearest - space.start).max() < SAME_STATE:
-            self._found()
-            return np.array([space.start, nearest])
+        nearest = goals[int(np.argmin(np.linalg.norm(goals - start, axis=1)))]
+        if np.abs(nearest - start).max() < SAME_STATE:
+            self.record(np.array([start, nearest]), "searching")
+            return self.incumbent.path
+        limits = (np.asarray(self._robot.lower), np.asarray(self._robot.upper))
+        box = sampling_bounds(self._robot, start, goals)
+        problem = Problem(start, goals, box, limits, self.max_step, self._options.uniform_fraction)
+        seeds = self._seeds.spawn(len(judges))
+        workers = [
+            Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent)
+            for judge, seed in zip(judges, seeds, strict=True)
+        ]
         if self._options.planner_id in ("rrt_star", "rrt"):
-            return self._plain(checker, space)
-        for goal in space.goals:
-            self.budget.edges_checked += 1
-            if checker.is_edge_free(space.start, goal):
-                self._found()
-                return np.array([space.start, goal])
-        trees = RrtConnect(checker, space.start, space.goals, self.max_step, self.budget)
-        path = trees.seed([chain.configurations for chain in guidance.chains])
-        if path is None:
-            path = trees.solve(SampleStream(space.sampler, self._rng, self.budget))
-        self.nodes += len(trees.start_tree) + len(trees.goal_tree)
-        if path is None:
-            return None
-        self._found()
-        return shortcut(path, checker, self._rng, self.budget, deadline_seconds=0.2 * self.budget.remaining)
+            workers = workers[:1]
+            rewire = self._options.planner_id == "rrt_star"
+            workers[0].plain(rewire, self._options.first_solution, self._guided(guidance), self._on_better)
+        else:
+            self._anytime(workers, guidance)
+        self.nodes = sum(worker.nodes for worker in workers)
+        return self.incumbent.path
 
-    def _plain(self, checker: CollisionChecker, space: SearchSpace) -> FloatArray | None:
-        """RRT* or RRT alone, as in the paper: no bidirectional start, no seeding, no shortcuts."""
-        rewire = self._options.planner_id == "rrt_star"
-        tree = space.rrt_star(checker, self.max_step, self.budget, rewire)
+    def _anytime(self, workers: list[Worker], guidance: Guidance | Callable[[], Guidance]) -> None:
+        """All workers look for a first path, then for better ones; the first one is this thread."""
+        found, failures = threading.Event(), []
 
-        best: FloatArray | None = None
+        def guided() -> Guidance:
+            return self._guided(guidance)
 
-        def on_improvement(path: FloatArray, cost: float) -> None:
-            # Verified as they come: at the end there would be no time left for a repair.
-            nonlocal best
-            self._found()
-            if not self.costs or cost <= WORTH_VERIFYING * self.costs[-1]:
-                checked = self._better(path, space.last)
-                best = best if checked is None else checked
+        def beside(worker: Worker) -> None:
+            try:
+                # Guidance is made by one thread; the others use it as soon as it is there.
+                self._work(worker, lambda: self._guidance or Guidance("uniform"), found)
+            except BaseException as error:  # noqa: BLE001 -- raised again by the thread that waits
+                failures.append(error)
+                found.set()
 
-        path = tree.solve(
-            self._rng, stop_at_first=self._options.first_solution or not rewire, on_improvement=on_improvement
-        )
-        self.nodes += len(tree.tree)
-        return path if best is None else best
+        threads = [threading.Thread(target=beside, args=(worker,), daemon=True) for worker in workers[1:]]
+        for thread in threads:
+            thread.start()
+        try:
+            self._work(workers[0], guided, found)
+        finally:
+            for thread in threads:
+                thread.join()
+        if failures:
+            raise failures[0]
 
-    def _improved(self, path: FloatArray, checker: CollisionChecker, space: SearchSpace) -> FloatArray:
-        """Restarts and RRT* from a verified path until the budget is spent; better paths are shortened and verified."""
-        straight = float(np.linalg.norm(space.goals - space.start, axis=1).min())
-        if path_length(path) <= straight * (1.0 + OPTIMALITY_TOLERANCE):
-            return path
-        self.report("improving")
-        best = self._restarted(path, checker, space)
-        tree = space.rrt_star(checker, self.max_step, self.budget)
-        tree.insert_path(best)
+    def _work(self, worker: Worker, guidance: Callable[[], Guidance], found: threading.Event) -> None:
+        path = worker.first(guidance, found.is_set)
+        if path is not None:
+            self.record(path, "searching")
+            found.set()
+            self.record(worker.shortened(path, FIRST_SHORTCUTS), "searching")
+        if self._options.planner_id == "anytime" and not self._options.first_solution and found.is_set():
+            self.report("improving")
+            worker.improve(guidance, self._on_better)
 
-        def on_improvement(better: FloatArray, cost: float) -> None:
-            # Shortening finds in milliseconds what rewiring takes seconds for; rewiring finds other ways to shorten.
-            nonlocal best
-            if cost > WORTH_VERIFYING * self.costs[-1]:
-                return
-            shorter = shortcut(better, checker, self._rng, self.budget, attempts=30)
-            checked = self._better(shorter, space.last)
-            if checked is not None:
-                best = checked
-                tree.insert_path(checked)
+    def _guided(self, guidance: Guidance | Callable[[], Guidance]) -> Guidance:
+        """The guidance; made when first asked for, by the first worker."""
+        if self._guidance is None:
+            self._guidance = guidance if isinstance(guidance, Guidance) else guidance()
+        return self._guidance
 
-        tree.solve(self._rng, on_improvement=on_improvement)
-        self.nodes += len(tree.tree)
-        return best
-
-    def _restarted(self, path: FloatArray, checker: CollisionChecker, space: SearchSpace) -> FloatArray:
-        """Bidirectional searches from scratch inside the informed subset, each shortened; the best path of all.
-
-        Paths of other homotopy classes and to other goals are found so within milliseconds, while one tree that is
-        rewired stays for long with the first one (cf. AO-RRT: Hauser and Zhou, 2016).
-        """
-        begin = self.budget.elapsed
-        end = begin + RESTART_SHARE * self.budget.remaining
-        # A restart that finds nothing must leave time for others.
-        patience = max(4.0 * self.first_solution_seconds, 0.2)
-        while self.budget.elapsed < end and not self.budget.is_spent():
-            cost = self.costs[-1]
-            subset = InformedUniformSampler(space.start, space.goals, cost, space.uniform.lower, space.uniform.upper)
-            within = np.linalg.norm(space.goals - space.start, axis=1) < cost
-            own = self.budget.part(min(patience, end - self.budget.elapsed), self.budget.samples_remaining)
-            trees = RrtConnect(checker, space.start, space.goals[within], self.max_step, own)
-            found = trees.solve(SampleStream(InformedSampler(space.sampler, subset), self._rng, own))
-            self.nodes += len(trees.start_tree) + len(trees.goal_tree)
-            self.budget.absorb(own)
-            if found is None:
-                continue
-            shorter = shortcut(found, checker, self._rng, self.budget, attempts=60)
-            if path_length(shorter) < WORTH_VERIFYING * cost:
-                checked = self._better(shorter, space.last)
-                path = path if checked is None else checked
-        return path
-
-    def _better(self, path: FloatArray, last: CertifyingChecker) -> FloatArray | None:
-        """The path verified, if it is still the best one then."""
-        checked = self._verified(path, last)
-        if checked is None or (self.costs and path_length(checked) >= self.costs[-1]):
-            return None
-        self._record(checked)
-        self.report("improving")
-        return checked
-
-    def _verified(self, path: FloatArray, last: CertifyingChecker) -> FloatArray | None:
-        phase = self._phase
-        self.report("verifying")
-        begin = self.budget.elapsed
-        result = verified(path, last, self._rng, self.budget, self._robot.lower, self._robot.upper, self.max_step)
-        self.verification_seconds += self.budget.elapsed - begin
-        self._phase = phase
-        return result
-
-    def _found(self) -> None:
+    def _on_better(self) -> None:
         if self.first_solution_seconds == 0.0:
-            self.first_solution_seconds = self.budget.elapsed
-
-    def _record(self, path: FloatArray) -> None:
-        self.costs.append(path_length(path))
-        self.cost_seconds.append(self.budget.elapsed)
+            self.first_solution_seconds = self.incumbent.seconds[0]
+        self.report("improving")

@@ -1,93 +1,109 @@
-"""A tree of configurations, as RRT and its variants grow it."""
+"""Memory for the trees of the kernels, and what is done to them between two kernels."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
+from bsp_informed_planner.planning.neighbour_kernels import BUCKET, MEMBERS, Neighbours, build, clear
+from bsp_informed_planner.planning.question_kernels import QUESTIONS, Questions
+from bsp_informed_planner.planning.tree_kernels import PARENT, Tree, add_nodes
+
+#: Memory that a tree may take. One that is full stops growing.
+MAX_TREE_BYTES = 1 << 30
+#: Parent of a node in `add`: the node added before.
+PREVIOUS_NODE = -2
 
 
-class Tree:
-    """Nodes with a parent, the length of the path from their root, and their children.
+def new_tree(capacity: int, dimension: int) -> Tree:
+    """An empty tree with room for so many nodes."""
+    # Each bucket of the kd-tree was made half full at least, which bounds its cells.
+    cells = 4 * capacity // BUCKET + 8
+    neighbours = Neighbours(
+        np.empty((cells, MEMBERS + BUCKET), dtype=np.int64),
+        np.empty((cells, 2 * dimension + 1)),
+        np.zeros(1, dtype=np.int64),
+    )
+    tree = Tree(
+        np.empty((capacity, dimension)),
+        np.empty(capacity),
+        np.empty((capacity, 5), dtype=np.int64),
+        neighbours,
+        np.zeros(1, dtype=np.int64),
+    )
+    clear_tree(tree)
+    return tree
 
-    Neighbours are found by a scan over all nodes: with exact collision checks a search grows some thousand of them, and
-    spends its time on the checks.
+
+def max_nodes(dimension: int) -> int:
+    """Most nodes of a tree, by the memory that it may take."""
+    per_node = 8 * (dimension + 1 + 5) + 8 * (MEMBERS + BUCKET + 2 * dimension + 1) * 4 // BUCKET
+    return MAX_TREE_BYTES // per_node
+
+
+def clear_tree(tree: Tree) -> None:
+    """Removes all nodes."""
+    tree.size[0] = 0
+    clear(tree.neighbours)
+
+
+def enlarged(tree: Tree, weights: Floats) -> Tree | None:
+    """The same tree with twice the room; None if it may not grow any more."""
+    count, (capacity, dimension) = int(tree.size[0]), tree.nodes.shape
+    most = max_nodes(dimension)
+    if capacity >= most:
+        return None
+    larger = new_tree(min(2 * capacity, most), dimension)
+    larger.nodes[:count] = tree.nodes[:count]
+    larger.costs[:count] = tree.costs[:count]
+    larger.links[:count] = tree.links[:count]
+    larger.size[0] = count
+    build(larger.neighbours, 0, np.arange(count), larger.nodes, weights)
+    return larger
+
+
+def add(tree: Tree, configurations: Floats, parents: Indices, unsure: Flags, weights: Floats) -> Indices:
+    """Adds nodes, for which there is room.
 
     Args:
-        dimension: n of a configuration.
+        tree: to which.
+        configurations: (m, n).
+        parents: (m,) their parents; -1: none; `PREVIOUS_NODE`.
+        unsure: (m,) which of them the conservative bounds leave open.
+        weights: (n,) of the joints in lengths.
+
+    Returns:
+        (m,) their indices.
     """
+    first = int(tree.size[0])
+    if len(configurations):
+        add_nodes(
+            tree,
+            np.ascontiguousarray(configurations, dtype=np.float64),
+            np.ascontiguousarray(parents, dtype=np.int64),
+            np.ascontiguousarray(unsure, dtype=np.bool_),
+            weights,
+        )
+    return np.arange(first, first + len(configurations))
 
-    def __init__(self, dimension: int) -> None:
-        self._nodes = np.empty((256, dimension))
-        self._parents = np.full(256, -1, dtype=np.int64)
-        self._costs = np.zeros(256)
-        self._children: list[list[int]] = []
-        self._count = 0
 
-    def __len__(self) -> int:
-        return self._count
+def nodes_and_parents(tree: Tree) -> tuple[Floats, Indices]:
+    """Copies of the nodes (m, n), and of the indices of their parents (m,), -1 for roots."""
+    count = int(tree.size[0])
+    return tree.nodes[:count].copy(), tree.links[:count, PARENT].copy()
 
-    @property
-    def nodes(self) -> FloatArray:
-        """(count, n) configurations, in the order in which they were added."""
-        return self._nodes[: self._count]
 
-    @property
-    def parents(self) -> np.ndarray:
-        """(count,) index of each node's parent; -1 for a root."""
-        return self._parents[: self._count]
+def path_to_root(tree: Tree, node: int) -> Floats:
+    """(m, n) configurations from the root to a node."""
+    rows = []
+    while node >= 0:
+        rows.append(node)
+        node = int(tree.links[node, PARENT])
+    return tree.nodes[rows[::-1]]
 
-    @property
-    def costs(self) -> FloatArray:
-        """(count,) length of the path from the root."""
-        return self._costs[: self._count]
 
-    def add(self, configuration: FloatArray, parent: int = -1) -> int:
-        """Add a node, a root by default, and return its index."""
-        if self._count == len(self._nodes):
-            self._nodes = np.concatenate((self._nodes, np.empty_like(self._nodes)))
-            self._parents = np.concatenate((self._parents, np.full_like(self._parents, -1)))
-            self._costs = np.concatenate((self._costs, np.zeros_like(self._costs)))
-        index = self._count
-        self._nodes[index] = configuration
-        self._parents[index] = parent
-        self._costs[index] = 0.0
-        self._children.append([])
-        if parent >= 0:
-            self._costs[index] = self._costs[parent] + np.linalg.norm(configuration - self._nodes[parent])
-            self._children[parent].append(index)
-        self._count += 1
-        return index
-
-    def set_parent(self, index: int, parent: int) -> None:
-        """Hang a node under another parent, and carry the change of its cost down its subtree."""
-        old = int(self._parents[index])
-        if old >= 0:
-            self._children[old].remove(index)
-        self._parents[index] = parent
-        self._children[parent].append(index)
-        cost = self._costs[parent] + np.linalg.norm(self._nodes[index] - self._nodes[parent])
-        change = cost - self._costs[index]
-        stack = [index]
-        while stack:
-            node = stack.pop()
-            self._costs[node] += change
-            stack.extend(self._children[node])
-
-    def distances(self, configuration: FloatArray) -> FloatArray:
-        """(count,) distance of each node."""
-        difference = self.nodes - configuration
-        return np.asarray(np.sqrt(np.einsum("ij,ij->i", difference, difference)))
-
-    def nearest(self, configuration: FloatArray) -> int:
-        """Index of the nearest node."""
-        difference = self.nodes - configuration
-        return int(np.argmin(np.einsum("ij,ij->i", difference, difference)))
-
-    def path_to_root(self, index: int) -> FloatArray:
-        """(m, n) configurations from the root to a node."""
-        path = []
-        while index >= 0:
-            path.append(self._nodes[index].copy())
-            index = int(self._parents[index])
-        return np.array(path[::-1])
+def new_questions(dimension: int) -> Questions:
+    """None yet."""
+    return Questions(
+        np.empty((QUESTIONS, 3), dtype=np.int64), np.empty((QUESTIONS, dimension)), np.zeros(1, dtype=np.int64)
+    )

@@ -15,6 +15,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PoseGoal
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.robots.windings import closest_windings
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: How far beyond a limit a joint may be without being refused [rad or m]: encoders and rounding.
@@ -101,7 +102,8 @@ def goal_configurations(
     if not configurations:
         assert first_error is not None
         raise first_error
-    return np.array(sorted(configurations, key=lambda configuration: float(np.linalg.norm(configuration - start))))
+    found = np.array(configurations)
+    return np.asarray(found[np.argsort(np.linalg.norm(found - start, axis=1), kind="stable")])
 
 
 def _continuous_windings(robot: Robot, goal: FloatArray) -> list[FloatArray]:
@@ -121,23 +123,19 @@ def _pose_configurations(
     branches = robot.inverse_kinematics(goal.pose, goal.frame)
     if not len(branches):
         raise UnreachablePoseError(goal.pose.position.tolist(), goal.frame or robot.tool_frame)
-    free = []
-    bodies: tuple[str, str] | None = None
-    for branch in branches:
-        found = checker.colliding_bodies(branch)
-        if found is None:
-            free.append(branch)
-        else:
-            bodies = bodies or found
-    if not free:
+    is_free = checker.surely_free(branches)
+    for index in np.flatnonzero(~is_free):
+        is_free[index] = checker.is_free(branches[index])
+    free = branches[is_free]
+    if not len(free):
+        bodies = checker.colliding_bodies(branches[0])
         assert bodies is not None
         raise StateInCollisionError("goal", bodies)
     # A whole turn leaves the robot where it was, so windings need no check of their own. The nearest winding of every
     # branch comes before the second of any: branches differ in how they can be reached, windings seldom do.
     ranked: list[tuple[int, float, FloatArray]] = []
     for branch in free:
-        wound = robot.windings(branch)
-        distances = np.linalg.norm(wound - start, axis=1)
-        ranked += [(rank, distances[i], wound[i]) for rank, i in enumerate(np.argsort(distances)[:max_goals])]
+        wound, distances = closest_windings(branch, robot.lower, robot.upper, robot.revolute, start, max_goals)
+        ranked += zip(range(len(wound)), distances.tolist(), wound, strict=True)
     ranked.sort(key=lambda entry: entry[:2])
     return [configuration for _, _, configuration in ranked[:max_goals]]

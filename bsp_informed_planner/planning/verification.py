@@ -1,4 +1,4 @@
-"""The last word on a path: exact, and continuous where the proof succeeds."""
+"""The last word on paths from elsewhere."""
 
 from __future__ import annotations
 
@@ -6,49 +6,21 @@ import logging
 
 import numpy as np
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
-from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.sample_stream import SampleStream
-from bsp_informed_planner.sampling.sampler import UniformSampler
+from bsp_informed_planner.planning.sample_source import SampleSource
+from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.scene.pose import FloatArray
 
 logger = logging.getLogger(__name__)
 
 
-class FineChecker:
-    """A collision checker whose edges are checked at another resolution.
-
-    Args:
-        checker: does the work.
-        resolution: for its edges [m].
-    """
-
-    def __init__(self, checker: CollisionChecker, resolution: float) -> None:
-        self._checker = checker
-        self.resolution = resolution
-
-    @property
-    def checks(self) -> int:
-        return self._checker.checks
-
-    def is_free(self, configuration: FloatArray) -> bool:
-        return self._checker.is_free(configuration)
-
-    def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
-        return self._checker.is_edge_free(start, end, self.resolution if resolution is None else resolution)
-
-    def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
-        return self._checker.colliding_bodies(configuration)
-
-    def clone(self) -> FineChecker:
-        return FineChecker(self._checker.clone(), self.resolution)
-
-
 class CertifyingChecker:
-    """A collision checker whose edges are proved free wherever that is possible.
+    """The exact check of paths, with its proof, and without the bounds: a second opinion on what a plan returns.
 
     Args:
         checker: the exact check.
@@ -58,23 +30,6 @@ class CertifyingChecker:
     def __init__(self, checker: ExactChecker, finest: float) -> None:
         self._checker = checker
         self._certifier = EdgeCertifier(checker, finest)
-
-    @property
-    def checks(self) -> int:
-        return self._checker.checks + self._certifier.checks
-
-    def is_free(self, configuration: FloatArray) -> bool:
-        return self._checker.is_free(configuration)
-
-    def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
-        """Whether no collision was found on an edge; its resolution is the certifier's."""
-        return self._certifier.certify(start, end) is not Verdict.COLLIDING
-
-    def colliding_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
-        return self._checker.colliding_bodies(configuration)
-
-    def clone(self) -> CertifyingChecker:
-        return CertifyingChecker(self._checker.clone(), self._certifier.finest)
 
     def verdict(self, path: FloatArray) -> Verdict:
         """The worst verdict on the edges of a path (m, n)."""
@@ -88,7 +43,7 @@ class CertifyingChecker:
 
 def verified(
     path: FloatArray,
-    checker: CertifyingChecker,
+    checker: BoundedChecker,
     rng: np.random.Generator,
     budget: Budget,
     lower: FloatArray,
@@ -97,8 +52,10 @@ def verified(
 ) -> FloatArray | None:
     """A path all of whose edges pass the last check; those that do not are replanned around.
 
+    The core's own paths consist of such edges. This is for paths from elsewhere.
+
     Args:
-        path: (m, n), free at the search's resolution.
+        path: (m, n).
         checker: the last check.
         rng: generator.
         budget: ends the repair when its time is over.
@@ -109,21 +66,25 @@ def verified(
         (k, n) verified, or None if a repair did not succeed in time. The ends are those of `path`.
     """
     pieces = [path[:1]]
-    for start, end in zip(path[:-1], path[1:], strict=True):
-        if checker.is_edge_free(start, end):
-            pieces.append(end[None])
-            continue
-        detour = _repair(start, end, checker, rng, budget, lower, upper, max_step)
+    rest = path
+    while len(rest) > 1:
+        passed = [verdict is not Verdict.COLLIDING for verdict in checker.edge_verdicts(rest)]
+        good = len(passed) if all(passed) else len(passed) - 1
+        pieces.append(rest[1 : good + 1])
+        if good == len(passed):
+            break
+        detour = _repair(rest[good], rest[good + 1], checker, rng, budget, lower, upper, max_step)
         if detour is None:
             return None
         pieces.append(detour[1:])
+        rest = rest[good + 1 :]
     return np.concatenate(pieces)
 
 
 def _repair(
     start: FloatArray,
     end: FloatArray,
-    checker: CertifyingChecker,
+    checker: BoundedChecker,
     rng: np.random.Generator,
     budget: Budget,
     lower: FloatArray,
@@ -135,13 +96,11 @@ def _repair(
         return None
     logger.debug("an edge failed verification; replanning around it")
     reach = max(0.5 * float(np.abs(end - start).max()), 0.25 * max_step)
-    box = UniformSampler(
-        np.maximum(np.minimum(start, end) - reach, lower), np.minimum(np.maximum(start, end) + reach, upper)
-    )
+    box = np.maximum(np.minimum(start, end) - reach, lower), np.minimum(np.maximum(start, end) + reach, upper)
     # The repair has its own bound on samples: a shared one may be used up already.
     own = budget.part(min(0.5 * budget.remaining, 1.0), max_samples=500)
-    search = RrtConnect(checker, start, end[None], 0.25 * max_step, own)
-    detour = search.solve(SampleStream(box, rng, own))
+    search = RrtConnect(checker.verdicts, new_space(start, end, *box, rng), 0.25 * max_step)
+    detour = search.solve(SampleSource(len(start), rng), own, ask=ASK_ALL, judge=checker.is_edge_free)
     # Samples of a repair do not count against those of the search.
-    budget.edges_checked += own.edges_checked
+    budget.charge(0, 0, own.edges_checked)
     return detour

@@ -6,7 +6,8 @@ import logging
 import math
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,18 @@ DEFAULT_VELOCITY_LIMIT = 1.0
 DEFAULT_ACCELERATION_LIMIT = 5.0
 
 
+@dataclass(frozen=True)
+class ArmSource:
+    """What an arm was loaded from: the arguments of `load_arm`, its paths absolute."""
+
+    urdf: XmlSource
+    srdf: XmlSource | None = None
+    package_dirs: tuple[str, ...] = ()
+    tool_frame: str | None = None
+    locked_joints: Mapping[str, float] = field(default_factory=dict)
+    acceleration_limits: float | Mapping[str, float] = DEFAULT_ACCELERATION_LIMIT
+
+
 def load_arm(
     urdf: XmlSource,
     srdf: XmlSource | None = None,
@@ -54,31 +67,29 @@ def load_arm(
             that of the URDF file, alone.
         tool_frame: the link whose origin is the reference point. Default: the parent link of the SRDF's end effector
             (or the tip of its chain), otherwise the link "tool0", otherwise the last link of the longest chain.
-        locked_joints: joints to hold at a value [rad or m], such as those of a gripper. They are no part of a
-            configuration. Joints that mimic a locked joint are held too.
+        locked_joints: joints to hold at a value [rad or m], such as those of a gripper or of another arm, by name or by
+            pattern ("finger_*"). They are no part of a configuration. Joints that mimic a locked joint are held too.
         acceleration_limits: of all joints, or by joint name, in which case the others have
             `DEFAULT_ACCELERATION_LIMIT` [rad/s^2 or m/s^2].
 
     Raises:
         RobotDescriptionError: if a file or a mesh is missing or cannot be read, or no joint is left to move.
         UnsupportedJointError: for a mimic, floating, planar or other joint that is neither supported nor locked.
-        UnknownJointError: if `locked_joints` or `acceleration_limits` name a joint that does not exist.
+        UnknownJointError: if `locked_joints` or `acceleration_limits` name no joint that moves.
         UnknownFrameError: if `tool_frame` is not a link.
         InvalidOptionError: if a locked value is outside its joint's limits, or an acceleration limit is not positive.
     """
     description = read_description(urdf, srdf, package_dirs, locked_joints)
     model, collision_model = build_models(description)
-    arguments = {
-        "urdf": _absolute(urdf),
-        "srdf": _absolute(srdf) if srdf is not None else None,
-        "package_dirs": tuple(os.path.abspath(path) for path in package_dirs),
-        "tool_frame": tool_frame,
-        "locked_joints": dict(locked_joints or {}),
-        "acceleration_limits": acceleration_limits,
-    }
-    return ArmRobot(
-        description, model, collision_model, tool_frame, acceleration_limits, lambda: (_reloaded, (arguments,))
+    source = ArmSource(
+        urdf=_absolute(urdf),
+        srdf=_absolute(srdf) if srdf is not None else None,
+        package_dirs=tuple(os.path.abspath(path) for path in package_dirs),
+        tool_frame=tool_frame,
+        locked_joints=dict(locked_joints or {}),
+        acceleration_limits=acceleration_limits,
     )
+    return ArmRobot(description, model, collision_model, source)
 
 
 class ArmRobot:
@@ -87,7 +98,8 @@ class ArmRobot:
     Immutable; threads may share one. A pickled arm is loaded again from its files.
 
     Attributes:
-        description: what it was made from.
+        source: what it was loaded from.
+        description: what that says.
         revolute: (n,) which joints turn; the others are prismatic.
     """
 
@@ -96,15 +108,13 @@ class ArmRobot:
         description: RobotDescription,
         model: pin.Model,
         collision_model: pin.GeometryModel,
-        tool_frame: str | None,
-        acceleration_limits: float | Mapping[str, float],
-        recipe: Callable[[], tuple[Any, ...]],
+        source: ArmSource,
     ) -> None:
         """Use `load_arm`."""
+        self.source = source
         self.description = description
         self.model = model
         self.collision_model = collision_model
-        self._recipe = recipe
         self.name = description.name
         by_place = sorted(range(1, model.njoints), key=lambda joint: int(model.joints[joint].idx_v))
         self.joint_names: tuple[str, ...] = tuple(model.names[joint] for joint in by_place)
@@ -115,11 +125,11 @@ class ArmRobot:
         for flags in (self.continuous, self.revolute):
             flags.setflags(write=False)
         self.velocity_limits: FloatArray = frozen_array(self._velocity_limits())
-        self.acceleration_limits: FloatArray = frozen_array(self._acceleration_limits(acceleration_limits))
+        self.acceleration_limits: FloatArray = frozen_array(self._acceleration_limits(source.acceleration_limits))
         self.workspace_dimension = 3
         self.root_frame = description.root_link
         self._frame_ids = {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
-        self.tool_frame = tool_frame or self._default_tool_frame()
+        self.tool_frame = source.tool_frame or self._default_tool_frame()
         self._require_frame(self.tool_frame)
         self.motion_radii: FloatArray = frozen_array(motion_radii(model, collision_model))
         self._home = np.clip(np.zeros(len(by_place)), self.lower, self.upper)
@@ -128,7 +138,7 @@ class ArmRobot:
         self._solvers: dict[str, InverseKinematics] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._recipe()
+        return _reloaded, (self.source,)
 
     @property
     def dof(self) -> int:
@@ -160,8 +170,13 @@ class ArmRobot:
         values = np.asarray(configuration, dtype=np.float64)
         if values.shape != (self.dof,):
             raise ValueError(f"a configuration of shape {values.shape}: expected ({self.dof},)")
-        chain = self._chain(frame or self.tool_frame)
+        chain = self.chain(frame)
         return chain.forward(values[chain.indices])
+
+    def reference_points(self, configurations: FloatArray) -> FloatArray:
+        """See `Robot.reference_points`."""
+        chain = self.chain()
+        return chain.positions(np.asarray(configurations, dtype=np.float64)[:, chain.indices])
 
     def inverse_kinematics(
         self, pose: Pose, frame: str | None = None, rng: np.random.Generator | None = None
@@ -171,7 +186,8 @@ class ArmRobot:
         Arms of six revolute joints that EAIK can solve are solved in closed form, others numerically; then at most 16
         configurations are returned. Joints that do not move the frame are held at zero, or at the limit next to it.
         """
-        return self._configurations(self._solver(frame or self.tool_frame), _matrix(pose), rng)
+        solver = self._solver(frame or self.tool_frame)
+        return self._configurations(solver, solver.solve(_matrix(pose), rng))
 
     def inverse_kinematics_batch(
         self, poses: Sequence[Pose] | FloatArray, frame: str | None = None, rng: np.random.Generator | None = None
@@ -186,23 +202,43 @@ class ArmRobot:
         else:
             matrices = np.array([_matrix(pose) for pose in poses]).reshape(-1, 4, 4)
         solver = self._solver(frame or self.tool_frame)
-        return [self._configurations(solver, matrix, rng) for matrix in matrices]
+        return [self._configurations(solver, values) for values in solver.solve_batch(matrices, rng)]
+
+    def inverse_kinematics_method(self, frame: str | None = None) -> str:
+        """How inverse kinematics of a frame (default: the tool frame) is solved, in words.
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+        """
+        return self._solver(frame or self.tool_frame).method
+
+    def joints_moving(self, frame: str | None = None) -> tuple[str, ...]:
+        """The joints between the root and a frame (default: the tool frame): the others do not move it.
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+        """
+        return tuple(self.joint_names[i] for i in self.chain(frame).indices)
 
     def windings(self, configuration: FloatArray) -> FloatArray:
         """See `Robot.windings`; at most 4096, the configuration itself first."""
         return windings(np.asarray(configuration, dtype=np.float64), self.lower, self.upper, self.revolute)
 
-    def _configurations(
-        self, solver: InverseKinematics, target: FloatArray, rng: np.random.Generator | None
-    ) -> FloatArray:
-        values = solver.solve(target, rng)
+    def _configurations(self, solver: InverseKinematics, values: FloatArray) -> FloatArray:
+        """(k, n) from values of the chain's joints (k, m)."""
         if solver.chain.dof == self.dof:
             return values  # the joints of a chain come in the order of the configuration
         configurations = np.tile(self._home, (len(values), 1))
         configurations[:, solver.chain.indices] = values
         return configurations
 
-    def _chain(self, frame: str) -> KinematicChain:
+    def chain(self, frame: str | None = None) -> KinematicChain:
+        """The joints between the root and a frame (default: the tool frame).
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+        """
+        frame = frame or self.tool_frame
         if frame not in self._chains:
             self._chains[frame] = KinematicChain.to_frame(self.model, self._require_frame(frame))
         return self._chains[frame]
@@ -260,8 +296,8 @@ def _absolute(source: XmlSource) -> XmlSource:
     return os.path.abspath(source)
 
 
-def _reloaded(arguments: dict[str, Any]) -> ArmRobot:
-    return load_arm(**arguments)
+def _reloaded(source: ArmSource) -> ArmRobot:
+    return load_arm(**vars(source))
 
 
 def _matrix(pose: Pose) -> FloatArray:

@@ -11,6 +11,7 @@ from bsp_informed_planner.compiled import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 # A solution is accepted when position [m] and rotation [rad] agree this well; the interface promises 1e-6.
 TOLERANCE = 1e-10
@@ -66,6 +67,16 @@ def chain_pose(
         position[k] = p[k]
         for c in range(3):
             rotation[k, c] = m[k, c]
+
+
+@kernel
+def chain_positions(rotations: Floats, offsets: Floats, prismatic: Flags, rows: Floats) -> Floats:
+    """Positions (k, 3) of the frame for rows of joint values (k, m)."""
+    positions = np.empty((rows.shape[0], 3))
+    rotation, axes, origins = np.empty((3, 3)), np.empty((rows.shape[1], 3)), np.empty((rows.shape[1], 3))
+    for k in range(rows.shape[0]):
+        chain_pose(rotations, offsets, prismatic, rows[k], rotation, positions[k], axes, origins)
+    return positions
 
 
 @kernel
@@ -258,3 +269,43 @@ def solve_rows(
                 found[count, i] = values[i]
             count += 1
     return count
+
+
+@kernel
+def solve_batch(
+    rotations: Floats,
+    offsets: Floats,
+    prismatic: Flags,
+    lower: Floats,
+    upper: Floats,
+    targets: Floats,
+    seeds: Floats,
+    begins: Indices,
+    enough: int,
+    iterations: int,
+    patience: int,
+    distinct: float,
+    inside: bool,
+    found: Floats,
+    reached: Flags,
+    counts: Indices,
+) -> None:
+    """`solve_rows` of many targets (t, 4, 4): the seeds of each begin at begins (t + 1,), and so do the rows found, of
+    which there are counts (t,), at most `enough` each."""
+    for target in range(len(targets)):
+        begin, end = begins[target], begins[target + 1]
+        counts[target] = solve_rows(
+            rotations,
+            offsets,
+            prismatic,
+            lower,
+            upper,
+            targets[target],
+            seeds[begin:end],
+            iterations,
+            patience,
+            distinct,
+            inside,
+            found[begin : begin + min(enough, end - begin)],
+            reached[begin:end],
+        )

@@ -12,19 +12,18 @@ from pathlib import Path
 from typing import Union
 from urllib.parse import unquote
 
-from bsp_informed_planner.errors import (
-    InvalidOptionError,
-    RobotDescriptionError,
-    UnknownJointError,
-    UnsupportedJointError,
-)
+from bsp_informed_planner.errors import InvalidOptionError, RobotDescriptionError, UnsupportedJointError
+from bsp_informed_planner.robots.locked import lock_to_hold, locked_values
 
 logger = logging.getLogger(__name__)
 
 XmlSource = Union[str, "os.PathLike[str]"]
 LinkPair = frozenset[str]
 
-_MOVING = ("revolute", "continuous", "prismatic")
+#: Joints that move along or about one axis: those that a configuration is made of.
+MOVING = ("revolute", "continuous", "prismatic")
+#: Joints that move in more than one way. They can only be held where they are.
+COMPOUND = ("floating", "planar")
 
 
 @dataclass(frozen=True)
@@ -34,8 +33,8 @@ class RobotDescription:
     Attributes:
         name: of the robot.
         root_link: the link that is no joint's child.
-        urdf: the rewritten XML: continuous joints are revolute with limits of -2 pi and 2 pi, the mimic tags of locked
-            joints are gone, the file names of collision meshes are absolute paths.
+        urdf: the rewritten XML: continuous joints are revolute with limits of -2 pi and 2 pi, locked joints are renamed
+            (`held_name`) and mimic none, the file names of collision meshes are absolute paths.
         continuous_joints: names of the joints that were continuous.
         locked_joints: the joints that are held and their values [rad or m], with those that mimic them.
         joint_limits: lower and upper limit and velocity limit of every joint that moves [rad or m, and per second];
@@ -56,6 +55,11 @@ class RobotDescription:
     end_effector_link: str | None
 
 
+def held_name(joint: str) -> str:
+    """What a locked joint is called in the rewritten URDF: other than every link, or Pinocchio could not hold it."""
+    return f"held/{joint}"
+
+
 def read_description(
     urdf: XmlSource,
     srdf: XmlSource | None = None,
@@ -69,43 +73,51 @@ def read_description(
         srdf: path of an SRDF file, or the XML itself.
         package_dirs: folders in which the packages of `package://` URIs lie. Meshes are read from these folders and
             from that of the URDF file alone.
-        locked_joints: joints to hold at a value [rad or m]. Joints that mimic one of them are held too.
+        locked_joints: joints to hold, by name or pattern; see `locked_values`.
 
     Raises:
         RobotDescriptionError: if a file is missing or is no URDF or SRDF, or a mesh is missing or outside the folders.
-        UnsupportedJointError: for a joint that is neither revolute, continuous, prismatic nor fixed, or mimics another.
+        UnsupportedJointError: for a joint that is not held and is neither revolute, continuous, prismatic nor fixed, or
+            mimics another.
         UnknownJointError: if a locked joint does not exist or does not move.
         InvalidOptionError: if a locked joint is held outside its limits.
     """
-    root, folder, source = _read_xml(urdf, "URDF")
+    root, folder, source = read_xml(urdf, "URDF")
     if any("xacro" in element.tag for element in root.iter()):
         raise RobotDescriptionError(f"{source} is a xacro file; expand it with xacro first")
     links = {link.get("name", "") for link in root.findall("link")}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    edges = {name: _links_of(name, joint, links, source) for name, joint in joints.items()}
+    edges = {name: links_of(name, joint, links, source) for name, joint in joints.items()}
     root_link = _root_link(links, edges, source)
 
-    locked = _locked_values(joints, locked_joints or {})
+    locked = locked_values(joints, locked_joints or {})
     continuous = set()
     limits = {}
     for name, joint in joints.items():
         kind = joint.get("type", "without a type")
-        if kind not in (*_MOVING, "fixed"):
-            raise UnsupportedJointError(name, kind)
+        if kind in COMPOUND and name in locked:
+            # Held where it is: at zero it is the identity, as `locked_values` makes sure.
+            joint.set("type", "fixed")
+            del locked[name]
+            continue
+        if kind not in (*MOVING, "fixed"):
+            raise UnsupportedJointError(name, kind, f"{name}=0" if kind in COMPOUND else "")
         mimic = joint.find("mimic")
         if mimic is not None and kind != "fixed":
             if name not in locked:
-                raise UnsupportedJointError(name, f"a mimic of '{mimic.get('joint')}'")
+                raise UnsupportedJointError(name, f"a mimic of '{mimic.get('joint')}'", lock_to_hold(name, joints))
             joint.remove(mimic)
-        if kind in _MOVING:
+        if kind in MOVING:
             if kind == "continuous":
                 continuous.add(name)
-            limits[name] = _limits(name, joint, source)
+            limits[name] = _limits(name, joint, source, held=name in locked)
+            if name in locked:
+                joint.set("name", held_name(name))
     for name, value in locked.items():
         lower, upper, _ = limits[name]
         if name not in continuous and not lower - 1e-9 <= value <= upper + 1e-9:
             raise InvalidOptionError(f"locked joint '{name}'", value, f"a value within [{lower:g}, {upper:g}]")
-    _resolve_meshes(root, [Path(path) for path in package_dirs], folder, source)
+    _resolve_meshes(root, allowed_folders(package_dirs, folder), folder, source)
 
     disabled, end_effector = _read_srdf(srdf, links) if srdf is not None else (frozenset(), None)
     return RobotDescription(
@@ -121,8 +133,12 @@ def read_description(
     )
 
 
-def _read_xml(source: XmlSource, kind: str) -> tuple[ElementTree.Element, Path | None, str]:
-    """The root element, the folder of the file if it was one, and a name for messages."""
+def read_xml(source: XmlSource, kind: str) -> tuple[ElementTree.Element, Path | None, str]:
+    """The root element of a URDF or SRDF (`kind`), the folder of the file if it was one, and a name for messages.
+
+    Raises:
+        RobotDescriptionError: if it cannot be read, is no XML, or has another root element than <robot>.
+    """
     folder = None
     if isinstance(source, str) and source.lstrip()[:1] == "<":
         text: str | bytes = source.lstrip()
@@ -133,21 +149,26 @@ def _read_xml(source: XmlSource, kind: str) -> tuple[ElementTree.Element, Path |
         name = f"the {kind} '{path}'"
         try:
             text = path.read_bytes()
-        except OSError as error:
-            raise RobotDescriptionError(f"{name} cannot be read: {error.strerror or error}") from error
-    if isinstance(text, str):
-        text = text.encode()
+        except (OSError, ValueError) as error:
+            # A path with a null character is a ValueError.
+            reason = getattr(error, "strerror", None) or error
+            raise RobotDescriptionError(f"{name} cannot be read: {reason}") from error
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        root = ElementTree.fromstring(text.encode() if isinstance(text, str) else text)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        # The latter two: characters that are none, and encodings that are not known.
         raise RobotDescriptionError(f"{name} is not well-formed XML: {error}") from error
     if root.tag != "robot":
         raise RobotDescriptionError(f"{name} has the root element <{root.tag}>, expected <robot>")
     return root, folder, name
 
 
-def _links_of(name: str, joint: ElementTree.Element, links: set[str], source: str) -> tuple[str, str]:
-    """Parent and child link of a joint."""
+def links_of(name: str, joint: ElementTree.Element, links: set[str], source: str) -> tuple[str, str]:
+    """Parent and child link of a joint.
+
+    Raises:
+        RobotDescriptionError: if there is none of these links.
+    """
     found = []
     for end in ("parent", "child"):
         element = joint.find(end)
@@ -178,8 +199,8 @@ def _number(name: str, element: ElementTree.Element, attribute: str, default: fl
         ) from None
 
 
-def _limits(name: str, joint: ElementTree.Element, source: str) -> tuple[float, float, float]:
-    """Lower, upper and velocity limit; a continuous joint becomes a revolute one."""
+def _limits(name: str, joint: ElementTree.Element, source: str, held: bool) -> tuple[float, float, float]:
+    """Lower, upper and velocity limit; a continuous joint becomes a revolute one. A held one may have no range."""
     limit = joint.find("limit")
     if joint.get("type") == "continuous":
         if limit is None:
@@ -192,41 +213,46 @@ def _limits(name: str, joint: ElementTree.Element, source: str) -> tuple[float, 
     lower = _number(name, limit, "lower", 0.0, source)
     upper = _number(name, limit, "upper", 0.0, source)
     velocity = _number(name, limit, "velocity", math.nan, source)
-    if not lower < upper or math.isinf(lower) or math.isinf(upper):
+    if held and lower == upper and math.isfinite(lower):
+        # Some descriptions hold a joint so; Pinocchio wants a range all the same, which nothing moves in.
+        limit.set("upper", repr(upper + 1e-6))
+    elif not lower < upper or math.isinf(lower) or math.isinf(upper):
+        hold = f"; or hold it still (--lock {name}={lower:g})" if lower == upper else ""
         raise RobotDescriptionError(
-            f"{source}: joint '{name}' has limits [{lower:g}, {upper:g}]; expected two finite numbers, lower < upper"
+            f"{source}: joint '{name}' has limits [{lower:g}, {upper:g}]; expected two finite numbers, "
+            f"lower < upper{hold}"
         )
     limit.set("effort", limit.get("effort", "0"))
     limit.set("velocity", "0" if math.isnan(velocity) else repr(velocity))
     return lower, upper, velocity if math.isfinite(velocity) and velocity > 0.0 else math.nan
 
 
-def _locked_values(joints: Mapping[str, ElementTree.Element], locked: Mapping[str, float]) -> dict[str, float]:
-    """Values of the locked joints and of those that mimic them, directly or through each other."""
-    moving = [name for name, joint in joints.items() if joint.get("type") in _MOVING]
-    unknown = [name for name in locked if name not in moving]
-    if unknown:
-        raise UnknownJointError(unknown, moving)
-    values = {name: float(value) for name, value in locked.items()}
-    for _ in joints:
-        for name in moving:
-            mimic = joints[name].find("mimic")
-            leader = mimic.get("joint") if mimic is not None else None
-            if mimic is not None and leader in values and name not in values:
-                values[name] = float(mimic.get("multiplier", 1.0)) * values[leader] + float(mimic.get("offset", 0.0))
-    return values
+def allowed_folders(package_dirs: Sequence[str | os.PathLike[str]], folder: Path | None) -> list[Path]:
+    """The folders that meshes may come from: those of packages, and that of the URDF file."""
+    return [Path(os.path.abspath(path)) for path in package_dirs] + ([folder] if folder is not None else [])
 
 
-def _resolve_meshes(root: ElementTree.Element, package_dirs: list[Path], folder: Path | None, source: str) -> None:
+def _resolve_meshes(root: ElementTree.Element, allowed: list[Path], folder: Path | None, source: str) -> None:
     """Replace the file names of collision meshes by absolute paths."""
-    allowed = [Path(os.path.abspath(path)) for path in package_dirs] + ([folder] if folder is not None else [])
     for link in root.findall("link"):
         for mesh in link.findall("collision/geometry/mesh"):
             uri = mesh.get("filename", "")
-            mesh.set("filename", str(_resolve_mesh(uri, link.get("name", ""), allowed, folder, source)))
+            mesh.set("filename", str(resolve_mesh(uri, link.get("name", ""), allowed, folder, source)))
 
 
-def _resolve_mesh(uri: str, link: str, allowed: list[Path], folder: Path | None, source: str) -> Path:
+def resolve_mesh(uri: str, link: str, allowed: list[Path], folder: Path | None, source: str) -> Path:
+    """The file of a collision mesh.
+
+    Args:
+        uri: as the URDF names it.
+        link: whose it is, for messages.
+        allowed: see `allowed_folders`.
+        folder: of the URDF file, where a plain name is looked up.
+        source: the URDF, for messages.
+
+    Raises:
+        RobotDescriptionError: if it is missing, lies outside the allowed folders or has another scheme.
+    """
     what = f"{source}: the collision mesh '{uri}' of link '{link}'"
     candidates: list[Path] = []
     if uri.startswith("package://"):
@@ -254,7 +280,7 @@ def _resolve_mesh(uri: str, link: str, allowed: list[Path], folder: Path | None,
 
 
 def _read_srdf(srdf: XmlSource, links: set[str]) -> tuple[frozenset[LinkPair], str | None]:
-    root, _, name = _read_xml(srdf, "SRDF")
+    root, _, name = read_xml(srdf, "SRDF")
     pairs = set()
     for element in root.findall("disable_collisions"):
         pair = frozenset((element.get("link1", ""), element.get("link2", "")))

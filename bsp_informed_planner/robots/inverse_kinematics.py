@@ -27,8 +27,17 @@ class InverseKinematics(Protocol):
 
     chain: KinematicChain
 
+    @property
+    def method(self) -> str:
+        """In words."""
+        ...
+
     def solve(self, target: FloatArray, rng: np.random.Generator | None = None) -> FloatArray:
         """All solutions found for a pose (4, 4) of the frame: (k, m) values of the chain's joints within the limits."""
+        ...
+
+    def solve_batch(self, targets: FloatArray, rng: np.random.Generator | None = None) -> list[FloatArray]:
+        """`solve` of many poses (t, 4, 4)."""
         ...
 
 
@@ -53,6 +62,7 @@ class AnalyticInverseKinematics:
     def __init__(self, model: pin.Model, frame_id: int, chain: KinematicChain, eaik_robot: Any) -> None:
         """Use `build`."""
         self.chain = chain
+        self.method = f"closed form (EAIK, {eaik_robot.get_kinematic_family()})"
         self._solve = eaik_robot.calculate_IK
         self._to_eaik = _to_eaik(model, frame_id)
         self._detours = _detours()
@@ -85,16 +95,40 @@ class AnalyticInverseKinematics:
 
     def solve(self, target: FloatArray, rng: np.random.Generator | None = None) -> FloatArray:
         """See `InverseKinematics`; `rng` is not used."""
-        if float(np.linalg.norm(target[:3, 3] - self.chain.offsets[0])) > self._reach:
-            return np.empty((0, self.chain.dof))
-        answer = self._solve(target @ self._to_eaik)
-        rows = answer.Q
-        if len(rows):
-            found, reached = self._polished(target, rows)
+        return self.solve_batch(target[None])[0]
+
+    def solve_batch(self, targets: FloatArray, rng: np.random.Generator | None = None) -> list[FloatArray]:
+        """See `InverseKinematics`; `rng` is not used."""
+        near = np.linalg.norm(targets[:, :3, 3] - self.chain.offsets[0], axis=1) <= self._reach
+        solutions = [np.empty((0, self.chain.dof))] * len(targets)
+        places = np.flatnonzero(near)
+        answers = [self._solve(matrix) for matrix in targets[places] @ self._to_eaik]
+        rows = [answer.Q for answer in answers]
+        begins = np.cumsum([0, *(len(some) for some in rows)])
+        if begins[-1] == 0:
+            together: list[FloatArray] = [np.empty((0, self.chain.dof))] * len(places)
+            reached = np.zeros(0, dtype=np.bool_)
+        else:
+            together, reached = self.chain.solve_batch(
+                targets[places],
+                np.concatenate([some for some in rows if len(some)]),
+                begins,
+                _POLISH_ITERATIONS,
+                _POLISH_PATIENCE,
+                _DISTINCT,
+                int(begins[-1]),
+                inside=False,
+            )
+        for place, answer, found, begin, end in zip(
+            places.tolist(), answers, together, begins[:-1].tolist(), begins[1:].tolist(), strict=True
+        ):
             # Regular poses: the proper rows are solutions, the least-squares rows are not.
-            if reached.any() and np.array_equal(reached, np.logical_not(answer.is_LS)):
-                return found
-        return self._solve_around(target, rows)
+            arrived = reached[begin:end]
+            if arrived.any() and (arrived == np.logical_not(answer.is_LS)).all():
+                solutions[place] = found
+            else:
+                solutions[place] = self._solve_around(targets[place], answer.Q)
+        return solutions
 
     def _solve_around(self, target: FloatArray, rows: FloatArray) -> FloatArray:
         """Solutions of poses close by, brought to the pose."""

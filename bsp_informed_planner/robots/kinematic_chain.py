@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from bsp_informed_planner.robots.chain_kernels import chain_pose, solve_rows
+from bsp_informed_planner.robots.chain_kernels import chain_pose, chain_positions, solve_batch
 from bsp_informed_planner.robots.motion_bound import joint_axes
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -84,6 +84,11 @@ class KinematicChain:
         chain_pose(self.rotations, self.offsets, self.prismatic, values, rotation, position, axes, origins)
         return matrix
 
+    def positions(self, rows: FloatArray) -> FloatArray:
+        """(k, 3) positions of the frame in the root frame for rows of joint values (k, m)."""
+        rows = np.require(rows, np.float64, ("C", "W"))
+        return chain_positions(self.rotations, self.offsets, self.prismatic, rows)
+
     def solve(
         self,
         target: FloatArray,
@@ -109,26 +114,61 @@ class KinematicChain:
             the solutions (j, m) in the order of their seeds, revolute joints as near to zero as the limits allow; and
             which of the seeds (k,) reached the pose, whatever the limits and other seeds.
         """
+        begins = np.array([0, len(seeds)])
+        (found,), reached = self.solve_batch(
+            target[None], seeds, begins, iterations, patience, distinct, enough, inside
+        )
+        return found, reached
+
+    def solve_batch(
+        self,
+        targets: FloatArray,
+        seeds: FloatArray,
+        begins: NDArray[np.int64],
+        iterations: int,
+        patience: int,
+        distinct: float,
+        enough: int,
+        inside: bool,
+    ) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+        """`solve` of many poses.
+
+        Args:
+            targets: (t, 4, 4).
+            seeds: (k, m) those of all poses, one after the other.
+            begins: (t + 1,) where those of each pose begin.
+            iterations, patience, distinct, enough, inside: see `solve`.
+
+        Returns:
+            the solutions of each pose, and which of the seeds (k,) reached theirs.
+        """
         # One memory layout, so that the kernel is compiled once.
-        target, seeds = np.require(target, requirements=("C", "W")), np.require(seeds, requirements=("C", "W"))
+        targets, seeds = np.require(targets, requirements=("C", "W")), np.require(seeds, requirements=("C", "W"))
         reached = np.zeros(len(seeds), dtype=np.bool_)
-        found = np.empty((min(len(seeds), enough), self.dof))
-        count = solve_rows(
+        found = np.empty_like(seeds)
+        counts = np.zeros(len(targets), dtype=np.int64)
+        solve_batch(
             self.rotations,
             self.offsets,
             self.prismatic,
             self.lower,
             self.upper,
-            target,
+            targets,
             seeds,
+            begins,
+            enough,
             iterations,
             patience,
             distinct,
             inside,
             found,
             reached,
+            counts,
         )
-        return found[:count], reached
+        solutions = [
+            found[begin : begin + count] for begin, count in zip(begins[:-1].tolist(), counts.tolist(), strict=True)
+        ]
+        return solutions, reached
 
 
 def _frame_of_axis(axis: FloatArray) -> FloatArray:

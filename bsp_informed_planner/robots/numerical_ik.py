@@ -29,6 +29,7 @@ class NumericalInverseKinematics:
             max_solutions: at most so many solutions are returned.
         """
         self.chain = chain
+        self.method = f"numerical (damped least squares from {seeds} random seeds)"
         self._max_solutions = max_solutions
         self._distinct = _DISTINCT_REDUNDANT if chain.dof > 6 else _DISTINCT
         low, high = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
@@ -53,6 +54,10 @@ class NumericalInverseKinematics:
         return self.chain.solve(
             target, seeds, _ITERATIONS, _PATIENCE, self._distinct, self._max_solutions, inside=True
         )[0]
+
+    def solve_batch(self, targets: FloatArray, rng: np.random.Generator | None = None) -> list[FloatArray]:
+        """See `InverseKinematics`."""
+        return [self.solve(target, rng) for target in targets]
 
     def _random_seeds(self, rng: np.random.Generator) -> FloatArray:
         return rng.uniform(self._low, self._high, self._shape)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from bsp_informed_planner.errors import RobotDescriptionError
-from bsp_informed_planner.robots.description import RobotDescription
+from bsp_informed_planner.robots.description import RobotDescription, held_name
 
 logger = logging.getLogger(__name__)
 
@@ -31,10 +31,13 @@ def build_models(description: RobotDescription) -> tuple[pin.Model, pin.Geometry
         held = pin.neutral(model)
         joints = []
         for name, value in description.locked_joints.items():
-            joint = model.getJointId(name)
+            joint = model.getJointId(held_name(name))
             joints.append(joint)
             held[model.joints[joint].idx_q] = value
-        model, collision_model = pin.buildReducedModel(model, collision_model, joints, held)
+        try:
+            model, collision_model = pin.buildReducedModel(model, collision_model, joints, held)
+        except ValueError as error:
+            raise RobotDescriptionError(f"joints of '{description.name}' cannot be held: {error}") from error
     if model.nv == 0:
         raise RobotDescriptionError(f"the URDF of '{description.name}' has no joint that moves")
     if collision_model.ngeoms == 0:

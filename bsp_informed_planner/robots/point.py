@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -119,6 +121,10 @@ class PointRobot:
         x, y = configuration
         return Pose(np.array([x, y, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]))
 
+    def reference_points(self, configurations: FloatArray) -> FloatArray:
+        """See `Robot.reference_points`."""
+        return np.column_stack((configurations, np.zeros(len(configurations))))
+
     def inverse_kinematics(
         self, pose: Pose, frame: str | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:
@@ -127,6 +133,14 @@ class PointRobot:
         if not self._is_point(frame) or (point < self.lower).any() or (point > self.upper).any():
             return np.empty((0, 2))
         return point[None].copy()
+
+    def inverse_kinematics_batch(
+        self, poses: Sequence[Pose] | FloatArray, frame: str | None = None, rng: np.random.Generator | None = None
+    ) -> list[FloatArray]:
+        """See `Robot.inverse_kinematics_batch`."""
+        if isinstance(poses, np.ndarray):
+            poses = [Pose.from_matrix(matrix) for matrix in poses]
+        return [self.inverse_kinematics(pose, frame) for pose in poses]
 
     def windings(self, configuration: FloatArray) -> FloatArray:
         """The configuration itself, (1, 2): it has no joints that turn."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -75,6 +76,10 @@ class Robot(Protocol):
         """
         ...
 
+    def reference_points(self, configurations: FloatArray) -> FloatArray:
+        """(k, 3) origins of the tool frame in configurations (k, n), in the root frame [m]."""
+        ...
+
     def inverse_kinematics(
         self, pose: Pose, frame: str | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:
@@ -92,6 +97,17 @@ class Robot(Protocol):
 
         Raises:
             UnknownFrameError: for a frame that the robot does not have.
+        """
+        ...
+
+    def inverse_kinematics_batch(
+        self, poses: Sequence[Pose] | FloatArray, frame: str | None = None, rng: np.random.Generator | None = None
+    ) -> list[FloatArray]:
+        """`inverse_kinematics` of many poses, given as such or as an array of matrices (k, 4, 4).
+
+        Raises:
+            UnknownFrameError: for a frame that the robot does not have.
+            ValueError: if a matrix is not finite or its rotation is none.
         """
         ...
 

@@ -17,3 +17,4 @@ def warm_up() -> None:
     """Forward and inverse kinematics of an arm of one joint."""
     arm = load_arm(_ARM)
     arm.inverse_kinematics(arm.forward_kinematics(np.array([0.3])))
+    arm.reference_points(np.array([[0.3]]))

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from bsp_informed_planner.robots.winding_kernels import closest
 from bsp_informed_planner.scene.pose import FloatArray
 
 MAX_WINDINGS = 4096
@@ -43,3 +44,28 @@ def windings(
     while int(np.prod([len(values) for values in choices])) > MAX_WINDINGS:
         max(choices, key=len).pop()
     return np.array(list(itertools.product(*choices)))
+
+
+def closest_windings(
+    configuration: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    revolute: NDArray[np.bool_],
+    towards: FloatArray,
+    most: int,
+) -> tuple[FloatArray, FloatArray]:
+    """The windings of a configuration that are closest to another one.
+
+    Args:
+        configuration: (n,) within the limits.
+        lower, upper: (n,) limits.
+        revolute: (n,) which joints turn.
+        towards: (n,).
+        most: how many.
+
+    Returns:
+        (k, n) with 1 <= k <= most, the closest first, and their distances (k,).
+    """
+    rows, costs = np.empty((most, len(configuration))), np.empty(most)
+    count = closest(np.array(configuration), lower, upper, revolute, np.array(towards), rows, costs)
+    return rows[:count], np.sqrt(costs[:count])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -49,7 +50,7 @@ class Guidance:
 
 @dataclass(frozen=True)
 class KeypointGuideOptions:
-    """How keypoints are lifted to configurations (DESIGN: "Keypoints of an arm").
+    """How keypoints are lifted to configurations.
 
     Attributes:
         tilts: angles by which the tool is tilted about both of its lateral axes [rad].
@@ -75,3 +76,9 @@ class KeypointGuideOptions:
     sigma: float = 0.2
     relative_sigma: float = 0.02
     clearance_weight: float | None = None
+
+    def tube_sigma(self, robot: Robot) -> float:
+        """Standard deviation of the tube for a robot [rad or m]."""
+        if robot.revolute.any():
+            return self.sigma
+        return self.relative_sigma * float(np.linalg.norm(robot.upper - robot.lower))

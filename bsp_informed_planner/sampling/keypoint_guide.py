@@ -13,6 +13,7 @@ from bsp_informed_planner.decomposition.graph import KeypointChain, shortest_cha
 from bsp_informed_planner.errors import KeypointsUnavailableError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance, KeypointGuideOptions
+from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.layers import keypoint_layer, paths_through_layers, tool_orientations
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -51,9 +52,7 @@ class ExactKeypointGuide:
     @property
     def sigma(self) -> float:
         """Standard deviation of the tube for this robot [rad or m]."""
-        if self._robot.revolute.any():
-            return self._options.sigma
-        return self._options.relative_sigma * float(np.linalg.norm(self._robot.upper - self._robot.lower))
+        return self._options.tube_sigma(self._robot)
 
     def guide(
         self,
@@ -90,17 +89,16 @@ class ExactKeypointGuide:
         """The chains alone; arguments and errors as for `guide`."""
         should_stop = should_stop or _never
         start_pose = self._robot.forward_kinematics(start)
-        goal_poses = [self._robot.forward_kinematics(goal) for goal in goals]
         # Goals that share a reference point (branches and windings of one pose) share a workspace chain.
         groups: dict[tuple[float, ...], list[int]] = {}
-        for index, pose in enumerate(goal_poses):
-            groups.setdefault(tuple(np.round(pose.position, 6)), []).append(index)
+        for index, point in enumerate(np.round(self._robot.reference_points(goals), 6).tolist()):
+            groups.setdefault(tuple(point), []).append(index)
         chains: list[tuple[bool, float, ConfigurationChain]] = []
         reason = ""
         for members in groups.values():
             if should_stop() and chains:
                 break
-            pose = goal_poses[members[0]]
+            pose = self._robot.forward_kinematics(goals[members[0]])
             quaternions = (start_pose.quaternion, pose.quaternion)
             try:
                 chains.extend(
@@ -141,7 +139,7 @@ class ExactKeypointGuide:
                 if should_stop():
                     raise KeypointsUnavailableError("the time was over before the keypoints were lifted")
                 if int(candidate) not in layers_of:
-                    layers_of[int(candidate)] = self._layer(
+                    layers_of[int(candidate)] = self.layer(
                         chain, position, int(candidate), start, nearest_goal, quaternions, checker
                     )
                 if not len(layers_of[int(candidate)]):
@@ -156,12 +154,14 @@ class ExactKeypointGuide:
                 f"{len(self._decomposition.candidates)} at {np.round(chain.points[position], 3).tolist()} m"
             )
         layers = [layers_of[int(candidate)] for candidate in chain.candidate_indices]
-        paths = paths_through_layers(
-            self._robot, start, layers, goals, checker.is_edge_free, self._options, should_stop
-        )
+
+        def is_free(first: FloatArray, second: FloatArray) -> bool:
+            return bool(checker.surely_free_edges(np.array((first, second)))[0])
+
+        paths = paths_through_layers(self._robot, start, layers, goals, is_free, self._options, should_stop)
         return [(path.is_free, path.length, ConfigurationChain(path.configurations, chain.points)) for path in paths]
 
-    def _layer(
+    def layer(
         self,
         chain: KeypointChain,
         position: int,
@@ -171,10 +171,23 @@ class ExactKeypointGuide:
         quaternions: tuple[FloatArray, FloatArray],
         checker: CollisionChecker,
     ) -> FloatArray:
+        """Free configurations at one keypoint of a chain: all branches, in many orientations.
+
+        Args:
+            chain: of the workspace.
+            position: of the keypoint in the chain, from 1.
+            candidate: index of the keypoint.
+            start, goal: (n,).
+            quaternions: of the tool at start and goal.
+            checker: exact check.
+
+        Returns:
+            (k, n), nearest first; empty if no free configuration was found.
+        """
         lengths = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(chain.points, axis=0), axis=1))))
         fraction = float(lengths[position] / lengths[-1]) if lengths[-1] > 0.0 else 0.5
         if self._robot.orientation_free:
-            orientations = [quaternions[1]]
+            orientations = quaternions[1][None]
         else:
             normal = portal_normal(self._decomposition.portal(int(self._decomposition.candidate_portals[candidate])))
             orientations = tool_orientations(*quaternions, normal, fraction, self._options)
@@ -182,3 +195,8 @@ class ExactKeypointGuide:
         return keypoint_layer(
             self._robot, checker, chain.points[position], orientations, guess, self._options.layer_size
         )
+
+
+def exact_guide(setting: GuideSetting) -> ExactKeypointGuide:
+    """The guide of the sampler id "keypoint_tube", see `sampling.guide`."""
+    return ExactKeypointGuide(setting.robot, setting.decomposition(), setting.options)

@@ -6,20 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
-from bsp_informed_planner.scene.pose import FloatArray, Pose
-
-#: A turn that ends this far beyond a limit ends on it [rad].
-LIMIT_ROUNDING = 1e-8
+from bsp_informed_planner.sampling.layer_kernels import shortest_through_layers, wind_rows
+from bsp_informed_planner.sampling.orientation_kernels import matrices_at, tool_quaternions
+from bsp_informed_planner.scene.pose import FloatArray
 
 
 def tool_orientations(
     start: FloatArray, goal: FloatArray, normal: FloatArray, fraction: float, options: KeypointGuideOptions
-) -> list[FloatArray]:
+) -> FloatArray:
     """Orientations in which the tool may pass a keypoint.
 
     The goal's own; tilts of it about both lateral axes; rolls about its approach axis z; the rotation on the way from
@@ -32,74 +30,57 @@ def tool_orientations(
         options: which tilts and rolls.
 
     Returns:
-        Quaternions (4,), the goal's first.
+        (k, 4) quaternions, the goal's first.
     """
-    end = Rotation.from_quat(goal)
-    rotations = [end]
-    relative = (Rotation.from_quat(start).inv() * end).as_rotvec()
-    rotations.append(Rotation.from_quat(start) * Rotation.from_rotvec(fraction * relative))
-    for axis in np.eye(3)[:2]:
-        rotations.extend(end * Rotation.from_rotvec(angle * axis) for angle in options.tilts)
-    rotations.extend(end * Rotation.from_rotvec([0.0, 0.0, angle]) for angle in options.rolls)
-    approach = end.apply([0.0, 0.0, 1.0])
-    towards = normal if normal @ approach >= 0.0 else -normal
-    turn = np.cross(approach, towards)
-    angle = np.arctan2(np.linalg.norm(turn), approach @ towards)
-    if angle > 1e-3:
-        rotations.append(Rotation.from_rotvec(turn / np.linalg.norm(turn) * angle) * end)
-    return [rotation.as_quat() for rotation in rotations]
+    tilts, rolls = np.array(options.tilts, dtype=np.float64), np.array(options.rolls, dtype=np.float64)
+    return tool_quaternions(np.array(start), np.array(goal), np.array(normal), float(fraction), tilts, rolls)
 
 
 def keypoint_layer(
     robot: Robot,
     checker: CollisionChecker,
     point: FloatArray,
-    orientations: list[FloatArray],
+    orientations: FloatArray,
     guess: FloatArray,
     layer_size: int,
 ) -> FloatArray:
     """Collision-free configurations with the reference point of the robot at a keypoint.
 
     All branches of the inverse kinematics in all orientations, wound as near as possible to a guess; the nearest ones
-    that are free are kept.
+    that are surely free are kept, and if none is, those that are.
 
     Args:
         robot: gives the inverse kinematics.
         checker: tells which are free.
         point: (3,) keypoint in the root frame [m].
-        orientations: quaternions of the tool to try.
+        orientations: (k, 4) quaternions of the tool to try.
         guess: (n,) configuration that the layer should lie close to.
         layer_size: most configurations to keep.
 
     Returns:
         (k, n) with 0 <= k <= layer_size.
     """
-    branches = [robot.inverse_kinematics(Pose(point, quaternion)) for quaternion in orientations]
-    candidates = np.concatenate(branches) if branches else np.empty((0, robot.dof))
+    poses = matrices_at(np.array(point, dtype=np.float64), np.array(orientations, dtype=np.float64))
+    candidates = np.concatenate(robot.inverse_kinematics_batch(poses))
     if not len(candidates):
         return candidates
     wound = nearest_windings(robot, candidates, guess)
-    order = np.argsort(np.linalg.norm(wound - guess, axis=1))
-    kept: list[FloatArray] = []
-    for index in order:
-        if len(kept) == layer_size:
-            break
-        if checker.is_free(wound[index]):
-            kept.append(wound[index])
-    return np.array(kept).reshape(-1, robot.dof)
+    wound = wound[np.argsort(np.linalg.norm(wound - guess, axis=1))]
+    kept = np.empty((0, robot.dof))
+    # A few at a time: mostly the nearest are enough.
+    for begin in range(0, len(wound), 2 * layer_size):
+        some = wound[begin : begin + 2 * layer_size]
+        kept = np.concatenate((kept, some[checker.surely_free(some)]))
+        if len(kept) >= layer_size:
+            return kept[:layer_size]
+    if not len(kept):
+        kept = np.array([one for one in wound if checker.is_free(one)][:layer_size]).reshape(-1, robot.dof)
+    return kept
 
 
 def nearest_windings(robot: Robot, configurations: FloatArray, guess: FloatArray) -> FloatArray:
     """Configurations (k, n), each moved by whole turns of its revolute joints towards a guess (n,), within limits."""
-    revolute = robot.revolute
-    turns = np.where(revolute, np.round((guess - configurations) / (2.0 * np.pi)), 0.0)
-    wound = configurations + 2.0 * np.pi * turns
-    # Beyond a limit, back by one turn: the next nearest.
-    lower, upper = robot.lower - LIMIT_ROUNDING, robot.upper + LIMIT_ROUNDING
-    wound = np.where(revolute & (wound > upper), wound - 2.0 * np.pi, wound)
-    wound = np.where(revolute & (wound < lower), wound + 2.0 * np.pi, wound)
-    inside = (wound >= lower) & (wound <= upper)
-    return np.clip(np.where(inside, wound, configurations), robot.lower, robot.upper)
+    return wind_rows(configurations, guess, robot.lower, robot.upper, robot.revolute)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,10 +126,15 @@ def paths_through_layers(
         At least one path; those that are free first, then by length.
     """
     checked: dict[tuple[bytes, bytes], bool] = {}
+    blocked: list[tuple[FloatArray, FloatArray]] = []
     found: dict[bytes, LayerPath] = {}
+    nodes = np.concatenate([*layers, goals])
+    begins = np.cumsum([0, *(len(layer) for layer in layers), len(goals)])
+    limits = robot.lower, robot.upper, robot.revolute
 
     for _ in range(options.repairs):
-        chain = _shortest(robot, start, layers, goals, checked, options.blocked_penalty)
+        avoided = np.array(blocked).reshape(-1, 2, len(start))
+        chain = shortest_through_layers(start, nodes, begins, *limits, avoided, options.blocked_penalty)
         key = chain.tobytes()
         if key in found:
             break
@@ -157,42 +143,10 @@ def paths_through_layers(
             edge = (a.tobytes(), b.tobytes())
             if edge not in checked:
                 checked[edge] = is_edge_free(a, b)
+                if not checked[edge]:
+                    blocked.append((a, b))
             free = free and checked[edge]
         found[key] = LayerPath(chain, free, float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum()))
         if free or should_stop():
             break
     return sorted(found.values(), key=lambda path: (not path.is_free, path.length))[: options.chain_count]
-
-
-def _shortest(
-    robot: Robot,
-    start: FloatArray,
-    layers: list[FloatArray],
-    goals: FloatArray,
-    checked: dict[tuple[bytes, bytes], bool],
-    penalty: float,
-) -> FloatArray:
-    """Dynamic programming forward through the layers; each label carries its unwound configuration."""
-    labels = start[None, :]
-    costs = np.zeros(1)
-    history: list[tuple[FloatArray, np.ndarray]] = []
-    for layer, fixed in [(layer, False) for layer in layers] + [(goals, True)]:
-        # wound[p, j]: configuration j of the layer, wound towards its predecessor p.
-        wound = np.stack([layer if fixed else nearest_windings(robot, layer, label) for label in labels])
-        lengths = np.linalg.norm(wound - labels[:, None, :], axis=2)
-        for p in range(len(labels)):
-            for j in range(len(layer)):
-                if checked.get((labels[p].tobytes(), wound[p, j].tobytes())) is False:
-                    lengths[p, j] = penalty * lengths[p, j] + penalty
-        total = costs[:, None] + lengths
-        best = np.argmin(total, axis=0)
-        history.append((labels, best))
-        columns = np.arange(len(layer))
-        labels = wound[best, columns]
-        costs = total[best, columns]
-    index = int(np.argmin(costs))
-    chain = [labels[index]]
-    for previous, best in reversed(history):
-        index = int(best[index])
-        chain.append(previous[index])
-    return np.array(chain[::-1])

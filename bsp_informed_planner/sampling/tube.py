@@ -6,46 +6,45 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bsp_informed_planner.sampling.sampler import MixtureSampler
 from bsp_informed_planner.scene.pose import FloatArray, frozen_array
 
 
-class SegmentTube:
-    """Local sampler between two neighbouring keypoints: uniform along the segment, plus isotropic Gaussian noise.
+class TubeSampler:
+    """The mixture of the local samplers between neighbouring keypoints, each weighted by the length of its segment.
+
+    A local sampler is uniform along its segment, plus isotropic Gaussian noise. All segments are drawn from at once.
 
     Args:
-        start, end: (n,) configurations.
+        starts, ends: (k, n) of the segments.
         sigma: standard deviation [rad or m].
         lower, upper: (n,) joint limits, to which samples are clipped.
     """
 
-    def __init__(self, start: FloatArray, end: FloatArray, sigma: float, lower: FloatArray, upper: FloatArray) -> None:
-        self.start = frozen_array(start, (-1,))
-        self.end = frozen_array(end, (len(self.start),))
+    def __init__(
+        self, starts: FloatArray, ends: FloatArray, sigma: float, lower: FloatArray, upper: FloatArray
+    ) -> None:
+        self.starts = frozen_array(starts)
+        self.steps = frozen_array(np.asarray(ends) - np.asarray(starts), self.starts.shape)
         self.sigma = float(sigma)
-        self.lower = frozen_array(lower, (len(self.start),))
-        self.upper = frozen_array(upper, (len(self.start),))
+        self.lower = frozen_array(lower, (self.starts.shape[1],))
+        self.upper = frozen_array(upper, (self.starts.shape[1],))
+        # A segment of length zero still has a tube around it.
+        self._shares = np.cumsum(np.linalg.norm(self.steps, axis=1) + 1e-6)
 
     def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
-        fraction = rng.uniform(size=(count, 1))
-        centres = self.start + fraction * (self.end - self.start)
-        noise = rng.normal(0.0, self.sigma, (count, len(self.start)))
-        return np.clip(centres + noise, self.lower, self.upper)
+        chosen = np.searchsorted(self._shares, rng.uniform(0.0, self._shares[-1], count), side="right")
+        chosen = np.minimum(chosen, len(self._shares) - 1)
+        centres = self.starts[chosen] + rng.uniform(size=(count, 1)) * self.steps[chosen]
+        return np.clip(centres + rng.normal(0.0, self.sigma, centres.shape), self.lower, self.upper)
 
 
-def tube_sampler(chains: Sequence[FloatArray], sigma: float, lower: FloatArray, upper: FloatArray) -> MixtureSampler:
-    """The mixture of the local samplers along all segments of chains, each weighted by its length.
+def tube_sampler(chains: Sequence[FloatArray], sigma: float, lower: FloatArray, upper: FloatArray) -> TubeSampler:
+    """The tube around all segments of chains.
 
     Args:
         chains: each (m, n) with m >= 2: start, keypoints, goal.
         sigma: standard deviation [rad or m].
         lower, upper: (n,) joint limits.
     """
-    tubes = []
-    weights = []
-    for chain in chains:
-        for start, end in zip(chain[:-1], chain[1:], strict=True):
-            tubes.append(SegmentTube(start, end, sigma, lower, upper))
-            # A segment of length zero still has a tube around it.
-            weights.append(float(np.linalg.norm(end - start)) + 1e-6)
-    return MixtureSampler(tubes, weights)
+    starts = np.concatenate([chain[:-1] for chain in chains])
+    return TubeSampler(starts, np.concatenate([chain[1:] for chain in chains]), sigma, lower, upper)

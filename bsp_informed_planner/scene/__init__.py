@@ -1,5 +1,6 @@
 """Obstacles, scenes, changes of scenes, files and generators."""
 
+from bsp_informed_planner.scene.attached import AttachmentOperation, CollisionPermission
 from bsp_informed_planner.scene.diff import ObstacleOperation, OperationKind, SceneDiff
 from bsp_informed_planner.scene.diff import apply as apply_diff
 from bsp_informed_planner.scene.maze import MazeOptions, MazeProblem, environment, random_maze
@@ -15,7 +16,7 @@ from bsp_informed_planner.scene.polytopes import (
     scene_polytopes,
 )
 from bsp_informed_planner.scene.pose import FloatArray, Pose
-from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
+from bsp_informed_planner.scene.scene import AttachedObstacle, Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import (
     Box,
     Cone,
@@ -39,7 +40,10 @@ from bsp_informed_planner.scene.voxels import merged_boxes
 from bsp_informed_planner.scene.yaml_io import problem_from_yaml, save_scene, scene_from_yaml, scene_to_yaml
 
 __all__ = [
+    "AttachedObstacle",
+    "AttachmentOperation",
     "Box",
+    "CollisionPermission",
     "Cone",
     "ConvexMesh",
     "ConvexPolytope",

@@ -303,6 +303,18 @@ def cut(polytope: ConvexPolytope, normal: ArrayLike, offset: float) -> ConvexPol
     return hull_polytope(np.concatenate((polytope.vertices[heights < 0.0], _slice(polytope, heights))))
 
 
+def thickened(polytope: ConvexPolytope, thickness: float) -> ConvexPolytope:
+    """The same object if no two parallel planes closer than a thickness [m] hold it; else its sum with a small cube.
+
+    Only planes of its faces are looked at. The cube has that thickness as edge.
+    """
+    widths = polytope.planes[:, 3] - (polytope.vertices @ polytope.planes[:, :3].T).min(axis=0)
+    if widths.min() >= thickness:
+        return polytope
+    cube = _BOX_CORNERS * (0.5 * thickness)
+    return hull_polytope((polytope.vertices[:, None] + cube).reshape(-1, 3))
+
+
 def _slice(polytope: ConvexPolytope, heights: FloatArray) -> FloatArray:
     """(k, 3) points of a polytope's vertices and edges at height zero, given the heights (v,) of its vertices."""
     start, end = polytope.edges[:, 0], polytope.edges[:, 1]

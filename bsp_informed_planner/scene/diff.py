@@ -7,6 +7,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 from bsp_informed_planner.errors import InvalidObstacleError, UnknownObstacleError
+from bsp_informed_planner.scene.attached import (
+    AttachmentOperation,
+    CollisionPermission,
+    apply_attachments,
+    apply_permissions,
+)
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 
@@ -79,13 +85,18 @@ class SceneDiff:
     Attributes:
         operations: may name an obstacle more than once.
         bounds: new bounds of the workspace; None leaves them.
+        attachments: of bodies to the robot, carried out after the operations.
+        permissions: pairs that may touch from now on, or no longer.
     """
 
     operations: tuple[ObstacleOperation, ...] = ()
     bounds: WorkspaceBounds | None = None
+    attachments: tuple[AttachmentOperation, ...] = ()
+    permissions: tuple[CollisionPermission, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "operations", tuple(self.operations))
+        for name in ("operations", "attachments", "permissions"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
 
     @staticmethod
     def of(*operations: ObstacleOperation) -> SceneDiff:
@@ -93,9 +104,16 @@ class SceneDiff:
 
     @staticmethod
     def replacing_all(obstacles: Sequence[Obstacle], bounds: WorkspaceBounds | None = None) -> SceneDiff:
-        """The change to a scene of exactly these obstacles."""
+        """The change to a scene of exactly these obstacles, with nothing attached and no collision allowed."""
+        return SceneDiff(tuple(ObstacleOperation.add(obstacle) for obstacle in obstacles), bounds).from_nothing()
+
+    def from_nothing(self) -> SceneDiff:
+        """The same after all that was there before has been removed."""
         return SceneDiff(
-            (ObstacleOperation.remove(), *(ObstacleOperation.add(obstacle) for obstacle in obstacles)), bounds
+            (ObstacleOperation.remove(), *self.operations),
+            self.bounds,
+            (AttachmentOperation.remove(), *self.attachments),
+            (CollisionPermission.none(), *self.permissions),
         )
 
 
@@ -109,7 +127,8 @@ def apply(scene: Scene, diff: SceneDiff) -> Scene:
         diff: its change; poses in the frame of the scene.
 
     Raises:
-        UnknownObstacleError: if REMOVE, APPEND or MOVE names an obstacle that is not there at that point.
+        UnknownObstacleError: if an operation names an obstacle or an attached body that is not there at that point.
+        InvalidObstacleError: if an obstacle has the id of an attached body, or what is to be attached cannot be.
     """
     obstacles = dict(scene.obstacles)
     for operation in diff.operations:
@@ -128,7 +147,15 @@ def apply(scene: Scene, diff: SceneDiff) -> Scene:
             obstacles[operation.id] = operation.obstacle
         else:
             obstacles[operation.id] = _appended(obstacles[operation.id], operation.obstacle)
-    return Scene(obstacles, diff.bounds or scene.bounds, scene.frame, scene.revision + 1)
+    obstacles, attached = apply_attachments(obstacles, scene.attached, diff.attachments)
+    return Scene(
+        obstacles,
+        diff.bounds or scene.bounds,
+        scene.frame,
+        scene.revision + 1,
+        attached,
+        apply_permissions(scene.allowed_collisions, diff.permissions),
+    )
 
 
 def _appended(obstacle: Obstacle, addition: Obstacle) -> Obstacle:

@@ -81,14 +81,17 @@ def _parts(vertex_bytes: bytes, triangle_bytes: bytes) -> tuple[FloatArray, ...]
 
 
 def _welded(vertices: FloatArray, triangles: IndexArray) -> tuple[FloatArray, IndexArray]:
-    """Without repeated vertices (an STL file repeats all of them) and without triangles of no area."""
+    """Without repeated vertices (an STL file repeats all of them), repeated triangles and triangles of no area."""
     extent = float(np.ptp(vertices[np.unique(triangles)], axis=0).max())
     _, first, inverse = np.unique(
         np.round(vertices / (RELATIVE_TOLERANCE * extent)), axis=0, return_index=True, return_inverse=True
     )
     triangles = np.asarray(inverse).reshape(-1)[triangles]
     a, b, c = triangles.T
-    return vertices[first], triangles[(a != b) & (b != c) & (c != a)]
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    # A surface drawn twice, or from both sides, encloses what it encloses once.
+    _, once = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
+    return vertices[first], triangles[np.sort(once)]
 
 
 def _pieces(vertices: FloatArray, triangles: IndexArray) -> list[IndexArray]:

@@ -9,6 +9,7 @@ octomap) is ignored, except that attached objects and octomaps that hold somethi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def load_scene(path: str | Path, bounds: WorkspaceBounds | None = None) -> Scene
     if top.mapping().get("format") is None:
         return _scene(top, bounds)
     scene = scene_from_node(top)
-    return scene if bounds is None else Scene(scene.obstacles, bounds, scene.frame, scene.revision)
+    return scene if bounds is None else replace(scene, bounds=bounds)
 
 
 def scene_from_moveit_yaml(source: str | Path, bounds: WorkspaceBounds | None = None) -> Scene:

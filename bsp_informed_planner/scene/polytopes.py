@@ -16,6 +16,7 @@ from bsp_informed_planner.scene.convex_polytope import (
     cut,
     hull_polytope,
     prism,
+    thickened,
 )
 from bsp_informed_planner.scene.mesh_parts import convex_parts
 from bsp_informed_planner.scene.pose import FloatArray, Pose
@@ -44,6 +45,7 @@ __all__ = [
     "polytopes_of_obstacle",
     "prism",
     "scene_polytopes",
+    "thickened",
 ]
 
 # How far a circumscribed polytope may stand out of a curved shape [m].

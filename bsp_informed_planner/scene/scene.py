@@ -10,10 +10,13 @@ import numpy as np
 
 from bsp_informed_planner.errors import InvalidObstacleError, InvalidWorkspaceError
 from bsp_informed_planner.scene.pose import FloatArray, Pose, frozen_array
-from bsp_informed_planner.scene.shapes import Shape
+from bsp_informed_planner.scene.shapes import HalfSpace, Shape
 
 #: Coordinates beyond it are a mistake, or a unit other than metres [m].
 LARGEST_WORKSPACE = 1e4
+
+#: Names of two bodies: links of the robot, ids of obstacles and of attached ones.
+BodyPair = frozenset[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,35 @@ class Obstacle:
 
 
 @dataclass(frozen=True, eq=False)
+class AttachedObstacle:
+    """A body that moves with a link of the robot, and collides as a part of it.
+
+    Attributes:
+        obstacle: the body; its pose is in the frame of the link.
+        link: that carries it; what the link does not collide with by construction, such as itself, may touch the body.
+        touch_links: more links that may touch it, such as fingers.
+
+    Raises:
+        InvalidObstacleError: if it has a half-space, or no link is named.
+    """
+
+    obstacle: Obstacle
+    link: str
+    touch_links: frozenset[str] = field(default_factory=frozenset)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "touch_links", frozenset(self.touch_links))
+        if not self.link:
+            raise InvalidObstacleError(self.obstacle.id, "an attached body needs a link that carries it")
+        if any(isinstance(shape, HalfSpace) for shape, _ in self.obstacle.shapes):
+            raise InvalidObstacleError(self.obstacle.id, "a half-space cannot be attached to a robot")
+
+    @property
+    def id(self) -> str:
+        return self.obstacle.id
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """Obstacles around a robot. Immutable: `bsp_informed_planner.scene.diff.apply` makes the next one.
 
@@ -95,18 +127,34 @@ class Scene:
         bounds: of the space that is decomposed.
         frame: the planning frame, i.e. the root link of the robot.
         revision: 0 for a scene that no node owns.
+        attached: by id, bodies that the robot holds; none of them is an obstacle at the same time.
+        allowed_collisions: pairs of bodies that may touch; names that do not exist have no effect.
+
+    Raises:
+        InvalidObstacleError: if an id does not fit.
     """
 
     obstacles: Mapping[str, Obstacle]
     bounds: WorkspaceBounds
     frame: str = "world"
     revision: int = 0
+    attached: Mapping[str, AttachedObstacle] = field(default_factory=dict)
+    allowed_collisions: frozenset[BodyPair] = field(default_factory=frozenset)
 
     def __post_init__(self) -> None:
         for key, obstacle in self.obstacles.items():
             if key != obstacle.id:
                 raise InvalidObstacleError(obstacle.id, f"it is listed under the id '{key}'")
+        for key, body in self.attached.items():
+            if key != body.id or key in self.obstacles:
+                raise InvalidObstacleError(body.id, "it is attached to the robot, and cannot be an obstacle too")
         object.__setattr__(self, "obstacles", MappingProxyType(dict(self.obstacles)))
+        object.__setattr__(self, "attached", MappingProxyType(dict(self.attached)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Read-only views of dictionaries cannot be pickled.
+        obstacles, attached = dict(self.obstacles), dict(self.attached)
+        return Scene, (obstacles, self.bounds, self.frame, self.revision, attached, self.allowed_collisions)
 
     @staticmethod
     def of(obstacles: Sequence[Obstacle], bounds: WorkspaceBounds, frame: str = "world", revision: int = 0) -> Scene:

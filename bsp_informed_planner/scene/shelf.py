@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.scene.convex_polytope import ConvexPolytope
 from bsp_informed_planner.scene.polytopes import polytopes_of_obstacle
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
@@ -16,6 +18,8 @@ from bsp_informed_planner.scene.shapes import Box, Cylinder
 LEVELS = 3
 # Tries for a place of an item, and of a tool pose.
 _ITEM_TRIES, _POSE_TRIES = 2000, 500
+# So near an item is beside or behind it [m].
+DEEP_DISTANCE = 0.10
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class ShelfOptions:
     item_gap: float = 0.01
     cylinder_share: float = 0.25
     pedestal: float = 0.24
-    pedestal_gap: float = 0.02
+    pedestal_gap: float = 0.0
     lower: tuple[float, float, float] = (-0.75, -0.95, -0.75)
     upper: tuple[float, float, float] = (1.15, 0.95, 1.15)
 
@@ -120,6 +124,21 @@ class ShelfScene:
     pose: Pose
     levels: tuple[ShelfLevel, ...]
 
+    @cached_property
+    def item_bodies(self) -> tuple[tuple[ConvexPolytope, ...], ...]:
+        """For each level the polytopes around its items, in the frame of the scene.
+
+        Round items are circumscribed: the distance from them is a lower bound, good enough to place a tool.
+        """
+        return tuple(
+            tuple(
+                part
+                for item in level.items
+                for part in polytopes_of_obstacle(self.scene.obstacles[item], self.scene.bounds)
+            )
+            for level in self.levels
+        )
+
 
 def random_shelf(rng: np.random.Generator, options: ShelfOptions | None = None, frame: str = "base_link") -> ShelfScene:
     """A shelf of random size at a random place, with random items standing on its boards.
@@ -166,6 +185,7 @@ def sample_level_pose(
     clearance: float = 0.04,
     tilt: float = 0.4,
     roll: float = math.pi,
+    deep: bool = False,
 ) -> Pose:
     """A random pose of the tool inside a level, pointing into the shelf.
 
@@ -178,6 +198,7 @@ def sample_level_pose(
         clearance: least distance of the position from boards, and about that from items [m].
         tilt: greatest angle of the tool's z axis to the shelf's x axis, up or down and to either side [rad].
         roll: greatest angle about the tool's z axis, to either side; at 0 the tool's x axis points down [rad].
+        deep: only in the rear half and beside or behind an item, if the level has one: at most `DEEP_DISTANCE` from it.
 
     Returns:
         pose in the frame of the scene.
@@ -190,16 +211,16 @@ def sample_level_pose(
     volume = shelf.levels[level]
     low = volume.lower + [0.0, clearance, clearance]
     high = volume.upper - clearance
+    if deep:
+        low[0] = max(low[0], 0.5 * (volume.lower[0] + volume.upper[0]))
     if (low >= high).any():
         raise InvalidOptionError("clearance", clearance, "less than half of the level's sizes")
-    # The circumscribed bodies of the items: their distance is a lower bound near corners, which is good enough here.
-    bodies = [
-        part for item in volume.items for part in polytopes_of_obstacle(shelf.scene.obstacles[item], shelf.scene.bounds)
-    ]
+    bodies = shelf.item_bodies[level]
     for _ in range(_POSE_TRIES):
         local = rng.uniform(low, high)
         position = shelf.pose.apply(local)
-        if all(float(body.distance(position)) >= clearance for body in bodies):
+        distance = min((float(body.distance(position)) for body in bodies), default=np.inf)
+        if distance >= clearance and (not deep or not bodies or distance <= DEEP_DISTANCE):
             return _pointing_in(rng, shelf, local, tilt, roll)
     raise InvalidOptionError("clearance", clearance, f"a distance that a place in level {level} has from all items")
 

@@ -28,6 +28,12 @@ An example with everything that may be in one. Only `format` and `bounds` must b
           - point_cloud: {points: [[0, 0, 1], [0.01, 0, 1]], resolution: 0.02}  # all voxels of this edge with a point;
                                             # default: 0.02 [m]
           - point_cloud: {file: cloud.ply}  # npy, ply or xyz; in the folder of this file
+    attached:                               # held by the robot; as obstacles, with the pose in the frame of the link
+      - id: mug
+        link: tool0
+        touch_links: [left_finger, right_finger]             # may touch it, beside the link
+        shapes: [{cylinder: {radius: 0.04, height: 0.1}}]
+    allowed_collisions: [[gripper, table]]  # pairs of links, obstacles or attached bodies that may touch
     problem:                                # optional
       description: into the shelf
       start: [0, -1.57, 1.57, 0, 0, 0]      # [rad or m]
@@ -40,6 +46,7 @@ same numbers; mesh files are written as vertices and triangles, and files of poi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +56,7 @@ from bsp_informed_planner.errors import InvalidObstacleError, ProblemError
 from bsp_informed_planner.scene.mesh_file import load_cloud_file, load_mesh_file
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.pose import FloatArray, Pose
-from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
+from bsp_informed_planner.scene.scene import AttachedObstacle, BodyPair, Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import (
     CLOUD_RESOLUTION,
     Box,
@@ -98,7 +105,7 @@ def problem_from_yaml(source: str | Path) -> ScenarioProblem:
             scene,
             node.at("start").vector(),
             tuple(goal.vector() for goal in goals.items()) if goals else (),
-            tuple(_pose(pose) for pose in poses.items()) if poses else (),
+            tuple(pose_from_node(pose) for pose in poses.items()) if poses else (),
             text.text() if text else "",
         )
     except (ProblemError, ValueError) as error:
@@ -107,11 +114,20 @@ def problem_from_yaml(source: str | Path) -> ScenarioProblem:
 
 def scene_to_yaml(scene: Scene | ScenarioProblem) -> str:
     """The text of a scene, with its problem if it has one, for `scene_from_yaml` and `problem_from_yaml`."""
-    import yaml
-
     problem = scene if isinstance(scene, ScenarioProblem) else None
-    if isinstance(scene, ScenarioProblem):
-        scene = scene.scene
+    content = scene_content(scene.scene if isinstance(scene, ScenarioProblem) else scene)
+    if problem is not None:
+        content["problem"] = {
+            "description": problem.description,
+            "start": problem.start.tolist(),
+            "goals": [goal.tolist() for goal in problem.goals],
+            "goal_poses": [pose_content(pose) for pose in problem.goal_poses],
+        }
+    return dump_yaml(content)
+
+
+def scene_content(scene: Scene) -> dict[str, Any]:
+    """A scene as plain lists, mappings, numbers and texts; `scene_from_node` reads it."""
     content: dict[str, Any] = {
         "format": FORMAT,
         "frame": scene.frame,
@@ -119,13 +135,20 @@ def scene_to_yaml(scene: Scene | ScenarioProblem) -> str:
         "bounds": {"lower": scene.bounds.lower.tolist(), "upper": scene.bounds.upper.tolist()},
         "obstacles": [_obstacle_content(obstacle) for obstacle in scene.obstacles.values()],
     }
-    if problem is not None:
-        content["problem"] = {
-            "description": problem.description,
-            "start": problem.start.tolist(),
-            "goals": [goal.tolist() for goal in problem.goals],
-            "goal_poses": [_pose_content(pose) for pose in problem.goal_poses],
-        }
+    if scene.attached:
+        content["attached"] = [
+            {**_obstacle_content(body.obstacle), "link": body.link, "touch_links": sorted(body.touch_links)}
+            for body in scene.attached.values()
+        ]
+    if scene.allowed_collisions:
+        content["allowed_collisions"] = sorted(sorted(pair) for pair in scene.allowed_collisions)
+    return content
+
+
+def dump_yaml(content: dict[str, Any]) -> str:
+    """YAML of plain content, in its order."""
+    import yaml
+
     # Anchors would need an alias wherever an object occurs twice; plain repetition is for people.
     dumper = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {"ignore_aliases": lambda *_: True})
     text = yaml.dump(content, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
@@ -139,7 +162,7 @@ def save_scene(path: str | Path, scene: Scene | ScenarioProblem) -> None:
 
 def scene_from_node(top: YamlNode) -> Scene:
     """`scene_from_yaml` for a file that is parsed already."""
-    top.mapping(("format", "frame", "revision", "bounds", "obstacles", "problem"))
+    top.mapping(("format", "frame", "revision", "bounds", "obstacles", "attached", "allowed_collisions", "problem"))
     if top.at("format").value != FORMAT:
         raise top.at("format").error(f"expected '{FORMAT}', got {top.at('format').value!r}")
     bounds_node = top.at("bounds").mapping(("lower", "upper"))
@@ -149,7 +172,13 @@ def scene_from_node(top: YamlNode) -> Scene:
     if revision and number < 0:
         raise revision.error(f"expected 0 or more, got {number}")
     obstacles = [_obstacle(node) for node in listed.items()] if listed else []
-    return Scene.of(obstacles, bounds, frame.text() if frame else "world", number)
+    held, pairs = top.get("attached"), top.get("allowed_collisions")
+    scene = Scene.of(obstacles, bounds, frame.text() if frame else "world", number)
+    return replace(
+        scene,
+        attached={body.id: body for body in map(_attached, held.items())} if held else {},
+        allowed_collisions=frozenset(map(_pair, pairs.items())) if pairs else frozenset(),
+    )
 
 
 def _top(source: str | Path) -> YamlNode:
@@ -158,24 +187,44 @@ def _top(source: str | Path) -> YamlNode:
     return parse_yaml(source, "<text>", None)
 
 
-def _obstacle(node: YamlNode) -> Obstacle:
-    node.mapping(("id", "pose", "shapes"))
+def _obstacle(node: YamlNode, more_keys: tuple[str, ...] = ()) -> Obstacle:
+    node.mapping(("id", "pose", "shapes", *more_keys))
     name, pose = node.at("id").text(), node.get("pose")
     shapes = []
     for part in node.at("shapes").items():
         part.file.take(VALUES_PER_SHAPE, part.place)
         local = part.mapping((*_SHAPE_KEYS, "pose")).get("pose")
         try:
-            shapes.append((_shape(part), _pose(local) if local else Pose.identity()))
+            shapes.append((_shape(part), pose_from_node(local) if local else Pose.identity()))
         except (ValueError, TypeError) as error:
             raise InvalidObstacleError(name, f"{part.place}: {error}") from error
     try:
-        return Obstacle(name, tuple(shapes), _pose(pose) if pose else Pose.identity())
+        return Obstacle(name, tuple(shapes), pose_from_node(pose) if pose else Pose.identity())
     except (ValueError, TypeError) as error:
         raise InvalidObstacleError(name, f"{node.place}.pose: {error}") from error
 
 
-def _pose(node: YamlNode) -> Pose:
+def _attached(node: YamlNode) -> AttachedObstacle:
+    touch_links = node.get("touch_links")
+    links = frozenset(link.text() for link in touch_links.items()) if touch_links else frozenset()
+    body = _obstacle(node, ("link", "touch_links"))
+    return AttachedObstacle(body, node.at("link").text(), links)
+
+
+def _pair(node: YamlNode) -> BodyPair:
+    names = [name.text() for name in node.items()]
+    if len(names) != 2 or names[0] == names[1]:
+        raise node.error(f"expected two different names, got {names}")
+    return frozenset(names)
+
+
+def pose_from_node(node: YamlNode) -> Pose:
+    """A pose.
+
+    Raises:
+        SceneFormatError: if it is none.
+        ValueError: if its numbers are none of a pose.
+    """
     node.mapping(("position", "orientation", "rpy"))
     position, orientation, rpy = node.get("position"), node.get("orientation"), node.get("rpy")
     if orientation and rpy:
@@ -233,13 +282,14 @@ def _scale(node: YamlNode) -> FloatArray:
     return scale
 
 
-def _pose_content(pose: Pose) -> dict[str, Any]:
+def pose_content(pose: Pose) -> dict[str, Any]:
+    """A pose as plain lists; `pose_from_node` reads it."""
     return {"position": pose.position.tolist(), "orientation": pose.quaternion.tolist()}
 
 
 def _obstacle_content(obstacle: Obstacle) -> dict[str, Any]:
-    shapes = [{**_shape_content(shape), "pose": _pose_content(pose)} for shape, pose in obstacle.shapes]
-    return {"id": obstacle.id, "pose": _pose_content(obstacle.pose), "shapes": shapes}
+    shapes = [{**_shape_content(shape), "pose": pose_content(pose)} for shape, pose in obstacle.shapes]
+    return {"id": obstacle.id, "pose": pose_content(obstacle.pose), "shapes": shapes}
 
 
 def _shape_content(shape: Shape) -> dict[str, Any]:

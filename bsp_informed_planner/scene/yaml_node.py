@@ -109,6 +109,12 @@ class YamlNode:
                 pass
         raise self.error(f"expected a number, got {_kind(value)}")
 
+    def boolean(self) -> bool:
+        """true or false."""
+        if not isinstance(self.value, bool):
+            raise self.error(f"expected true or false, got {_kind(self.value)}")
+        return self.value
+
     def integer(self) -> int:
         number = self.number()
         if not math.isfinite(number) or number != int(number):

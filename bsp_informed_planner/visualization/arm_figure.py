@@ -199,5 +199,5 @@ def _legend(keypoints: bool, portals: bool, glass: bool, ghosts: bool) -> list[A
         handles.append(overlay.patch_handle(PORTAL, "portals of the keypoints", 0.3))
     handles.append(overlay.patch_handle(FURNITURE, "obstacles"))
     if glass:
-        handles.append(overlay.patch_handle(FURNITURE, "obstacles, see-through", 0.15))
+        handles.append(overlay.glass_handle(FURNITURE, "obstacles, see-through"))
     return handles

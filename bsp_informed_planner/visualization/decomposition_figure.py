@@ -118,7 +118,7 @@ def draw_decomposition(
             overlay.badge_handle(KEYPOINT, "keypoints"),
         ]
     if any(glass):
-        handles.append(overlay.patch_handle(FURNITURE, "obstacles, see-through", 0.15))
+        handles.append(overlay.glass_handle(FURNITURE, "obstacles, see-through"))
     overlay.add_legend(figure, handles)
     overlay.save(figure, path_png)
 

@@ -27,6 +27,7 @@ from bsp_informed_planner.visualization import palette
 from bsp_informed_planner.visualization.cell_edges import cell_edges
 from bsp_informed_planner.visualization.portals import portal_triangles
 from bsp_informed_planner.visualization.shape_triangles import shape_triangles
+from bsp_informed_planner.visualization.swept_arm import CoarseRobot
 
 # Sizes: share of the longest edge of the workspace, or of the box around a path, the least and the greatest [m].
 LINE_WIDTH = (0.001, 0.001, 0.01)
@@ -34,6 +35,8 @@ CANDIDATE_SIZE = (0.005, 0.004, 0.03)
 PATH_WIDTH = (0.01, 0.003, 0.02)
 # Between two points of a tool path in joint space [rad or m]; a long path has wider steps.
 PATH_STEP, MOST_POINTS = 0.03, 1000
+# Samples that are shown.
+SAMPLES = 200
 
 
 def decomposition_markers(scene: Scene, decomposition: Decomposition, stamp: Time) -> MarkerArray:
@@ -70,7 +73,8 @@ def plan_markers(robot: Robot, result: PlanResult) -> MarkerArray:
     """Markers of a plan, in the root frame of the robot, without a time: viewers take the newest transform.
 
     Namespaces: "path" (the way of the tool, a line strip coloured from start to goal), "waypoints" and "keypoints"
-    (sphere lists), "start" and "goal" (a sphere each). What is empty is left out.
+    (sphere lists), "start" and "goal" (a sphere each), "samples" (where the tool is in samples of the guidance, points)
+    and "swept_robot" (coarse hulls of the robot along the path, translucent triangles). What is empty is left out.
     """
     header = Header(frame_id=robot.root_frame)
     states = interpolate(result.path, max(PATH_STEP, path_length(result.path) / MOST_POINTS))
@@ -91,6 +95,15 @@ def plan_markers(robot: Robot, result: PlanResult) -> MarkerArray:
         end = _marker(header, name, 0, Marker.SPHERE, 4.0 * width, colour, 1.0)
         end.pose.position = _points(place)[0]
         markers.append(end)
+    if result.guidance.sampler is not None:
+        samples = _marker(header, "samples", 0, Marker.POINTS, width, palette.KEYPOINT, 0.5)
+        drawn = result.guidance.sampler.sample(np.random.default_rng(result.statistics.seed), SAMPLES)
+        samples.points = _points(_tool_positions(robot, drawn))
+        markers.append(samples)
+    swept = _marker(header, "swept_robot", 0, Marker.TRIANGLE_LIST, 1.0, palette.MIDDLE, 0.2)
+    swept.points = _points(CoarseRobot(robot).swept(states))
+    if swept.points:
+        markers.append(swept)
     return MarkerArray(markers=markers)
 
 

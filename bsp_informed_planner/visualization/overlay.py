@@ -218,6 +218,12 @@ def patch_handle(colour: Colour, label: str, alpha: float = 1.0) -> Patch:
     return Patch(facecolor=(*colour, alpha), edgecolor=(*(0.4 * np.array(colour)), 0.8), label=label)
 
 
+def glass_handle(colour: Colour, label: str) -> Patch:
+    """Entry of a legend for surfaces as if of glass: hatched, since they are too pale to be told from white."""
+    edge = (*(0.4 * np.array(colour)), 0.8)
+    return Patch(facecolor=(*colour, 0.3), edgecolor=edge, hatch="////", label=label)
+
+
 def line_handle(colour: Colour, label: str, width: float = 3.0) -> Line2D:
     """Entry of a legend for a line."""
     return Line2D([], [], color=colour, linewidth=width, label=label)

@@ -70,7 +70,7 @@ def draw_point_plan(
     if decomposition is not None:
         height = decomposition.section_height
         facts.append(overlay.counts(decomposition))
-    figure, axes = _panel(scene, title or robot.name, facts)
+    figure, axes = plane_panel(scene, title or robot.name, facts)
     draw_walls(axes, scene, height)
     if decomposition is not None:
         in_section = np.column_stack((keypoints[:, :2], np.full(len(keypoints), height)))
@@ -94,7 +94,7 @@ def draw_plane_decomposition(
     facts = [overlay.counts(decomposition)]
     if chain is not None:
         facts.append(f"chain of {len(chain.points) - 2} keypoints, {chain.length:.3f} m long")
-    figure, axes = _panel(scene, title or "Binary space partition of the plane", facts)
+    figure, axes = plane_panel(scene, title or "Binary space partition of the plane", facts)
     draw_walls(axes, scene, decomposition.section_height)
     keypoints = np.empty((0, 3)) if chain is None else chain.points[1:-1]
     _draw_decomposition(axes, decomposition, keypoint_portals(decomposition, keypoints))
@@ -134,7 +134,7 @@ def section_of_portal(decomposition: Decomposition, portal: int) -> FloatArray:
     return corners[[first, second]]
 
 
-def _panel(scene: Scene, title: str, facts: list[str]) -> tuple[Figure, Axes]:
+def plane_panel(scene: Scene, title: str, facts: list[str]) -> tuple[Figure, Axes]:
     """A figure with axes of equal scale over the workspace of a scene."""
     lower, upper = scene.bounds.lower[:2], scene.bounds.upper[:2]
     extent = (upper - lower) * 1.02

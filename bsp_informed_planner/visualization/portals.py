@@ -29,9 +29,10 @@ def keypoint_portals(decomposition: Decomposition, keypoints: FloatArray) -> NDA
 
 
 def inner_portals(decomposition: Decomposition) -> NDArray[np.int64]:
-    """The portals (p,) that do not touch the border of the workspace."""
-    corners, bounds = decomposition.portal_corners, decomposition.bounds
-    touches = ((corners < bounds.lower + BORDER) | (corners > bounds.upper - BORDER)).any(axis=1)
+    """The portals (p,) that do not touch the border of the workspace; in 2D of the section."""
+    axes = decomposition.dimension
+    corners, bounds = decomposition.portal_corners[:, :axes], decomposition.bounds
+    touches = ((corners < bounds.lower[:axes] + BORDER) | (corners > bounds.upper[:axes] - BORDER)).any(axis=1)
     owners = np.arange(decomposition.portal_count).repeat(np.diff(decomposition.portal_offsets))
     return np.setdiff1d(np.arange(decomposition.portal_count), owners[touches])
 

@@ -92,13 +92,15 @@ class RobotMeshes:
 
     Attributes:
         base: the bodies that never move, in the root frame [m].
+        moving: the others, each in its own frame [m].
     """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._data = robot.model.createData()
         self._geometry_data = robot.collision_model.createData()
-        self._moving: dict[int, TriangleMesh] = {}
+        self._indices: list[int] = []
+        self.moving: list[TriangleMesh] = []
         fixed = []
         for index, geometry in enumerate(robot.collision_model.geometryObjects):
             triangles = geometry_triangles(geometry.geometry)
@@ -108,11 +110,12 @@ class RobotMeshes:
                 placement = geometry.placement
                 fixed.append(TriangleMesh.of(triangles).transformed(placement.rotation, placement.translation))
             else:
-                self._moving[index] = TriangleMesh.of(triangles)
+                self._indices.append(index)
+                self.moving.append(TriangleMesh.of(triangles))
         self.base = TriangleMesh.joined(fixed)
 
-    def at(self, configuration: FloatArray) -> TriangleMesh:
-        """The bodies that move, in a configuration (n,), in the root frame [m]."""
+    def placements(self, configuration: FloatArray) -> list[Pose]:
+        """Where the moving bodies are in a configuration (n,), in the root frame, in their order."""
         pin.updateGeometryPlacements(
             self._robot.model,
             self._data,
@@ -120,13 +123,13 @@ class RobotMeshes:
             self._geometry_data,
             np.asarray(configuration, dtype=np.float64),
         )
-        placements = self._geometry_data.oMg
-        return TriangleMesh.joined(
-            [
-                mesh.transformed(placements[index].rotation, placements[index].translation)
-                for index, mesh in self._moving.items()
-            ]
-        )
+        poses = (self._geometry_data.oMg[index] for index in self._indices)
+        return [Pose(pose.translation, pin.Quaternion(pose.rotation).coeffs()) for pose in poses]
+
+    def at(self, configuration: FloatArray) -> TriangleMesh:
+        """The bodies that move, in a configuration (n,), in the root frame [m]."""
+        placed = zip(self.moving, self.placements(configuration), strict=True)
+        return TriangleMesh.joined([mesh.transformed(pose.rotation, pose.position) for mesh, pose in placed])
 
 
 def geometry_triangles(geometry: Any) -> FloatArray | None:

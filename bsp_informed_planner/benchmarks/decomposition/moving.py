@@ -70,9 +70,12 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         scene = _moved(rng, family, scene)
     update(scene)
     updates, rebuilds, differing = [], [], 0
+    # Scenes are kept to the end: else an update would pay for throwing the former one away, and a rebuild would not.
+    received: list[Scene] = []
     for _ in range(MOVES):
         scene = _moved(rng, family, scene)
-        seconds, updated = timed(update, fresh(scene))
+        received.append(fresh(scene))
+        seconds, updated = timed(update, received[-1])
         updates.append(seconds)
         seconds, rebuilt = timed(decompose, fresh(scene))
         rebuilds.append(seconds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -91,7 +92,7 @@ def with_pose(scene: Scene, obstacle: str, pose: Pose) -> Scene:
     """The scene with an obstacle at another pose, its revision one higher."""
     changed = dict(scene.obstacles)
     changed[obstacle] = Obstacle(obstacle, changed[obstacle].shapes, pose)
-    return Scene(changed, scene.bounds, scene.frame, scene.revision + 1)
+    return replace(scene, obstacles=changed, revision=scene.revision + 1)
 
 
 def fresh(scene: Scene) -> Scene:

@@ -1,0 +1,1 @@
+"""Benchmark of the nodes: what they cost, and what they stand."""

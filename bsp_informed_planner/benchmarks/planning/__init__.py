@@ -1,0 +1,1 @@
+"""The benchmark of planning: `benchmark.planning_benchmark`."""

@@ -1,0 +1,250 @@
+"""What is compared: our planner, OMPL's, and two controls, each as a history of verified costs."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from bsp_informed_planner.benchmarks.planning.problems import ShelfProblem
+from bsp_informed_planner.errors import (
+    PlanningFailedError,
+    PlanningTimeoutError,
+    SamplesExhaustedError,
+    TrajectoryTimingError,
+)
+from bsp_informed_planner.ompl_workers.process import OmplWorkers
+from bsp_informed_planner.planning.planner import Planner
+from bsp_informed_planner.planning.problem import OMPL_PLANNER_IDS, PlanOptions, PlanResult
+from bsp_informed_planner.planning.search import Progress
+from bsp_informed_planner.robots.arm import ArmRobot
+from bsp_informed_planner.robots.demo_arms import ur5
+from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.sampling.path_guide import path_guidance
+
+logger = logging.getLogger(__name__)
+
+#: The planner keeps at most this much of its time for what follows the search [s].
+RESERVE = 0.4
+
+
+@dataclass(frozen=True)
+class History:
+    """What came of a run.
+
+    Attributes:
+        seconds: after which a better path was verified, from the beginning of the plan, ascending [s].
+        costs: of these paths, descending.
+        certified: whether the path that was returned is proved free, its timing included; None without a path.
+    """
+
+    seconds: tuple[float, ...] = ()
+    costs: tuple[float, ...] = ()
+    certified: bool | None = None
+
+    def cost_at(self, seconds: float) -> float:
+        """Of the best path verified by then; infinite without one."""
+        return min((c for s, c in zip(self.seconds, self.costs, strict=True) if s <= seconds), default=float("inf"))
+
+    def first(self, limit: float) -> float:
+        """When the first path was verified [s]; infinite if it was not within the limit."""
+        return self.seconds[0] if self.seconds and self.seconds[0] <= limit else float("inf")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run to be made.
+
+    Attributes:
+        problem: what to plan.
+        seed: of the planner.
+        seconds: for the search.
+        first_solution: whether the first path ends it.
+    """
+
+    problem: ShelfProblem
+    seed: int
+    seconds: float
+    first_solution: bool
+
+
+@dataclass(frozen=True)
+class Method:
+    """A planner under test. `title` for people; `run` returns its history."""
+
+    title: str
+    run: Callable[[Run], History]
+
+
+@cache
+def robot() -> ArmRobot:
+    """The arm of all problems: UR5 on its URDF's own meshes, all pairs of links that its SRDF leaves."""
+    return ur5()
+
+
+@cache
+def workers() -> OmplWorkers:
+    """The processes of OMPL's planners, with the checker that ours search with."""
+    return OmplWorkers(robot())
+
+
+def has_ompl() -> bool:
+    return importlib.util.find_spec("ompl") is not None
+
+
+def planner_of(problem: ShelfProblem) -> Planner:
+    """A planner that has loaded the scene and made its checkers, but has not decomposed it."""
+    planner = Planner(robot(), problem.scene, ompl_workers=workers())
+    planner.prepare(problem.problem)
+    return planner
+
+
+def _plan(
+    planner: Planner, run: Run, guidance: Guidance | None = None, **options: str | float | bool | int
+) -> tuple[PlanResult | None, float]:
+    """A result, or None, and when its search began: after start and goals had been validated [s]."""
+    begins: list[float] = []
+
+    def on_progress(progress: Progress) -> None:
+        if progress.phase not in ("validating", "done"):
+            begins.append(progress.elapsed_seconds)
+
+    chosen = {
+        "allowed_seconds": run.seconds + RESERVE,
+        "first_solution": run.first_solution,
+        "seed": run.seed,
+        **options,
+    }
+    try:
+        result = planner.plan(
+            run.problem.problem,
+            PlanOptions(**chosen),  # type: ignore[arg-type]
+            guidance=guidance,
+            on_progress=on_progress,
+        )
+    except (PlanningTimeoutError, SamplesExhaustedError):
+        return None, 0.0
+    except (PlanningFailedError, TrajectoryTimingError) as error:
+        logger.warning("counted as a failure: %s", error)
+        return None, 0.0
+    return result, begins[0]
+
+
+def _history(result: PlanResult | None, run: Run) -> History:
+    if result is None:
+        return History()
+    pairs = [
+        (seconds, cost)
+        for seconds, cost in zip(result.cost_history.seconds, result.cost_history.costs, strict=True)
+        if seconds <= run.seconds
+    ]
+    return History(tuple(s for s, _ in pairs), tuple(c for _, c in pairs), result.certified if pairs else None)
+
+
+def _planner(planner_id: str, sampler_id: str = "uniform") -> Callable[[Run], History]:
+    def plan(run: Run) -> History:
+        # What a simplification finds is no first path.
+        result, _ = _plan(
+            planner_of(run.problem),
+            run,
+            planner_id=planner_id,
+            sampler_id=sampler_id,
+            ompl_simplify=not run.first_solution,
+        )
+        return _history(result, run)
+
+    return plan
+
+
+def tube_around_path(run: Run) -> History:
+    """Control: our planner, guided by the tube around a path of RRT-Connect instead of one around keypoints.
+
+    What it loses against keypoints is what keypoints know; what it gains against uniform samples comes from having any
+    feasible corridor.
+    """
+    planner = planner_of(run.problem)
+    result, _ = _plan(planner, run, planner_id="rrt_connect", sampler_id="uniform")
+    first = _history(result, run)
+    if result is None or not first.seconds or run.first_solution:
+        return first
+    spent = first.seconds[0]
+    rest = Run(run.problem, run.seed + 1, run.seconds - spent, False)
+    guided, begin = _plan(planner, rest, path_guidance(robot(), result.path))
+    later = _history(guided, rest)
+    better = [(spent + s - begin, c) for s, c in zip(later.seconds, later.costs, strict=True) if c < first.costs[0]]
+    return History(
+        first.seconds[:1] + tuple(s for s, _ in better),
+        first.costs[:1] + tuple(c for _, c in better),
+        later.certified if better else first.certified,
+    )
+
+
+def restarts(run: Run) -> History:
+    """Control: RRT-Connect and shortcut again and again, the best path of all, for the same time.
+
+    Counted is what such a planner would do: start and goals are validated once, the timing of paths is left out, and
+    only paths that are better than the best are verified.
+    """
+    planner = planner_of(run.problem)
+    seconds: list[float] = []
+    costs: list[float] = []
+    certified: bool | None = None
+    spent, seed = 0.0, run.seed
+    while spent < run.seconds:
+        left = Run(run.problem, seed, run.seconds - spent, True)
+        result, begin = _plan(planner, left, planner_id="rrt_connect", sampler_id="uniform")
+        if result is None:
+            break
+        if not costs:
+            begin = 0.0
+        better = not costs or result.cost < costs[-1]
+        spent += result.cost_history.seconds[-1] - begin
+        spent -= 0.0 if better else result.statistics.verification_seconds
+        if better and spent <= run.seconds:
+            seconds.append(spent)
+            costs.append(result.cost)
+            certified = result.certified
+        seed += 1
+        if run.first_solution:
+            break
+    return History(tuple(seconds), tuple(costs), certified)
+
+
+OMPL_TITLES = dict(
+    zip(
+        OMPL_PLANNER_IDS,
+        ("OMPL RRTConnect + simplify", "OMPL RRTstar", "OMPL InformedRRTstar", "OMPL BITstar", "OMPL AORRTC"),
+        strict=True,
+    )
+)
+
+
+def methods() -> Mapping[str, Method]:
+    """All of them, by a short name for columns; OMPL's where it is installed."""
+    own = {
+        "keypoints": Method("ours, exact keypoints", _planner("anytime", "keypoint_tube")),
+        "uniform": Method("ours, uniform", _planner("anytime")),
+        "tube": Method("control: tube around an RRT-Connect path", tube_around_path),
+        "restarts": Method("control: RRT-Connect restarts + shortcut", restarts),
+    }
+    return own | ({name: Method(title, _planner(name)) for name, title in OMPL_TITLES.items()} if has_ompl() else {})
+
+
+def warm_up(problem: ShelfProblem) -> None:
+    """Whatever happens once only: scenes sent to worker processes, checkers made, code and kernels loaded.
+
+    A problem that is unsolvable warms up as well.
+    """
+    run = Run(problem, 0, 0.05, True)
+    _plan(planner_of(problem), run, planner_id="anytime")
+    if has_ompl():
+        _plan(planner_of(problem), run, planner_id="ompl_rrt_connect", sampler_id="uniform")
+
+
+def in_random_order(names: list[str], rng: np.random.Generator) -> list[str]:
+    """What comes first may find a colder machine: no method always does."""
+    return [names[index] for index in rng.permutation(len(names))]

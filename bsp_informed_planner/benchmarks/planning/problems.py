@@ -1,0 +1,119 @@
+"""Fresh shelf problems in two strata: easy and hard for RRT-Connect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bsp_informed_planner.errors import PlanningFailedError
+from bsp_informed_planner.planning.planner import Planner
+from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PlanOptions, PoseGoal
+from bsp_informed_planner.planning.shelf_problem import random_shelf_problem
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.scene.scene import Scene
+
+#: A problem is hard if the median of five RRT-Connect runs takes more samples. Samples instead of a time, since neither
+#: the machine nor what else it does then moves problems from one stratum to the other; the report says what time it is.
+HARD_SAMPLES = 700
+CLASSIFYING_RUNS = 5
+#: Beyond this, a run counts as one of too many samples [s].
+_PATIENCE = 30.0
+#: Problems drawn in search of one of a stratum.
+_MOST_DRAWS = 500
+STRATA = ("easy", "hard")
+
+
+@dataclass(frozen=True, eq=False)
+class ShelfProblem:
+    """One problem.
+
+    Attributes:
+        scene: a shelf.
+        problem: a start, and the goal pose of the tool.
+        stratum: "easy" or "hard".
+        draws: how many problems were drawn to find it.
+    """
+
+    scene: Scene
+    problem: PlanningProblem
+    stratum: str
+    draws: int
+
+    def with_goal(self, goal: JointGoal) -> ShelfProblem:
+        """The same with another goal."""
+        return ShelfProblem(self.scene, PlanningProblem(self.problem.start, [goal]), self.stratum, self.draws)
+
+
+def seed_of(rng: np.random.Generator) -> int:
+    """A seed for a planner."""
+    return int(rng.integers(2**32))
+
+
+def draw_problem(robot: Robot, rng: np.random.Generator, stratum: str | None = None) -> ShelfProblem:
+    """A random problem; it need not have a solution.
+
+    Args:
+        robot: an arm.
+        rng: generator; the seeds of the classification are drawn from it, and are others than those of later runs.
+        stratum: None: any, as they come.
+
+    Raises:
+        PlanningFailedError: if there is no problem of that stratum among many.
+    """
+    for draws in range(1, _MOST_DRAWS + 1):
+        drawn = random_shelf_problem(robot, rng)
+        problem = PlanningProblem(drawn.start, [PoseGoal(drawn.goal_poses[0])])
+        found = _classify(Planner(robot, drawn.scene), problem, rng)
+        if stratum in (None, found):
+            return ShelfProblem(drawn.scene, problem, found, draws)
+    raise PlanningFailedError(f"none of {_MOST_DRAWS} problems is {stratum}")
+
+
+def draw_solved_problem(robot: Robot, rng: np.random.Generator, stratum: str, seconds: float) -> ShelfProblem:
+    """A random problem with a single goal configuration, which RRT-Connect reaches from the start.
+
+    Where a pose has many configurations, planners may reach different ones, and costs compare the choice of a goal as
+    well as paths to it. Here it is that which RRT-Connect reached, in a run that is not measured. A straight line does
+    not reach it: there, nobody could find anything better.
+
+    Args:
+        robot, rng, stratum: see `draw_problem`; the stratum is that of the problem with the pose.
+        seconds: patience of RRT-Connect [s].
+    """
+    while True:
+        drawn = draw_problem(robot, rng, stratum)
+        options = _rrt_connect(seed_of(rng), seconds)
+        planner = Planner(robot, drawn.scene)
+        try:
+            path = planner.plan(drawn.problem, options).path
+        except PlanningFailedError:
+            continue
+        if not planner.checker().is_edge_free(path[0], path[-1]):
+            return drawn.with_goal(JointGoal(path[-1]))
+
+
+def _classify(planner: Planner, problem: PlanningProblem, rng: np.random.Generator) -> str:
+    votes = dict.fromkeys(STRATA, 0)
+    majority = CLASSIFYING_RUNS // 2 + 1
+    for _ in range(CLASSIFYING_RUNS):
+        try:
+            planner.plan(problem, _rrt_connect(seed_of(rng), _PATIENCE, HARD_SAMPLES))
+            votes["easy"] += 1
+        except PlanningFailedError:
+            votes["hard"] += 1
+        # The median is decided when three agree.
+        if max(votes.values()) == majority:
+            break
+    return max(votes, key=lambda stratum: votes[stratum])
+
+
+def _rrt_connect(seed: int, seconds: float, max_samples: int | None = None) -> PlanOptions:
+    return PlanOptions(
+        planner_id="rrt_connect",
+        sampler_id="uniform",
+        allowed_seconds=seconds,
+        first_solution=True,
+        max_samples=max_samples,
+        seed=seed,
+    )

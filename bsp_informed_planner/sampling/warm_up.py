@@ -1,0 +1,16 @@
+"""Compiles the kernels of this part by a small problem."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bsp_informed_planner.robots.point import PointRobot
+from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
+from bsp_informed_planner.sampling.layers import nearest_windings, paths_through_layers
+
+
+def warm_up() -> None:
+    """A path of a point through one layer."""
+    robot, start, goals = PointRobot(), np.zeros(2), np.ones((1, 2))
+    layer = nearest_windings(robot, np.array([[0.5, 0.5]]), start)
+    paths_through_layers(robot, start, [layer], goals, lambda a, b: True, KeypointGuideOptions(), lambda: False)
