@@ -11,8 +11,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from bsp_informed_planner.collision.allowed_contacts import allowed_contacts
 from bsp_informed_planner.collision.body_groups import BodyGroups, group_bodies
 from bsp_informed_planner.collision.check_arrays_kernels import (
     FRAME_ROWS,
@@ -25,8 +25,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     Scratch,
     SphereTree,
 )
-from bsp_informed_planner.collision.clear_pairs import BEYOND_LIMITS, find_clear_pairs
-from bsp_informed_planner.collision.cover import CoverBuilder, CoverOptions, RobotCovers
+from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
 from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.cover_kernels import enclosing_ball
 from bsp_informed_planner.collision.exact import ExactChecker
@@ -48,6 +47,8 @@ logger = logging.getLogger(__name__)
 FINEST = 2e-4
 # Half the distance between 1 and the next number in single precision.
 _ROUNDING = 2.0**-24
+# Prismatic joints may be that far beyond their limits, and joints beyond it are not judged [rad or m].
+_BEYOND_LIMITS = 1e-3
 # Added to inner radii, and taken from obstacles' cores [m].
 _ROOM = 1e-6
 _STACK, _INTERVALS = 4096, 512
@@ -78,17 +79,16 @@ class CollisionBounds:
         reach: no point of the robot is further from the root frame's origin, in any configuration [m].
     """
 
-    def __init__(self, robot: Robot, groups: BodyGroups, robot_covers: RobotCovers) -> None:
+    def __init__(self, robot: Robot, groups: BodyGroups, covers: Sequence[Cover]) -> None:
         """
         Args:
             robot: a robot.
             groups: of its bodies.
-            robot_covers: of the groups.
+            covers: of each group.
         """
         self.robot = robot
         self.groups = groups
-        self.covers = robot_covers
-        covers = robot_covers.covers
+        self.covers = tuple(covers)
         model = robot.model
         axes, prismatic = joint_axes(model)
         turns = _turned_frames(axes)
@@ -116,7 +116,7 @@ class CollisionBounds:
                 distances = axis_distances(model, axes, prismatic, joint, centres)
                 # Rounded up, never zero where a joint moves the group, and with room for slides beyond the limits.
                 movers = _movers(model, joint)
-                beyond = BEYOND_LIMITS * np.count_nonzero(prismatic)
+                beyond = _BEYOND_LIMITS * np.count_nonzero(prismatic)
                 levers[group, movers] = np.maximum(distances[movers] * (1.0 + 1e-6) + beyond, 1e-6)
         self.reach = reach
         rounding = self._rounding = 48.0 * (count + 2) * _ROUNDING * reach
@@ -126,9 +126,9 @@ class CollisionBounds:
             inner=_tree([_flat_tree(cover.inner) for cover in covers], groups, turns, -rounding),
             joints=groups.joints,
             exposed=(groups.joints > 0).astype(np.int64),
-            pairs=_without(groups.pairs, robot_covers.clear_pairs),
-            lower=robot.lower - BEYOND_LIMITS,
-            upper=robot.upper + BEYOND_LIMITS,
+            pairs=groups.pairs,
+            lower=robot.lower - _BEYOND_LIMITS,
+            upper=robot.upper + _BEYOND_LIMITS,
             levers=levers.astype(np.float32),
         )
 
@@ -136,7 +136,7 @@ class CollisionBounds:
         """What the kernels take, for one thread.
 
         Args:
-            scene: obstacles in the robot's root frame.
+            scene: obstacles in the robot's root frame, and what may touch them.
             padding: distance that bodies have to keep from obstacles, but not from each other [m].
             finest: intervals of an edge in which no point moves further than this are not halved [m].
 
@@ -150,11 +150,12 @@ class CollisionBounds:
             raise InvalidOptionError("finest", finest, "a positive distance [m]")
         reach = self.reach + padding + 0.01
         rounding = 64.0 * _ROUNDING * reach
+        contacts = allowed_contacts(self.robot, self.groups, scene)
         # Inner radii lack the rounding of the robot's places: here it is the cores that bear it, since a robot may be a
         # point. A little more than nothing is added, for a point touches only what is closer than its radius.
         return Checks(
             self.arrays,
-            pack_obstacles(scene, reach, self._rounding + rounding + _ROOM),
+            pack_obstacles(scene, reach, self._rounding + rounding + _ROOM, contacts),
             padding + rounding,
             padding + self._rounding + _ROOM,
             finest,
@@ -186,10 +187,14 @@ class CollisionBounds:
             bend=singles(groups),
             accelerations=singles(groups),
             open=np.zeros(LANES, dtype=np.int32),
+            asked=np.zeros(LANES, dtype=np.int32),
+            stuck=np.zeros(LANES, dtype=np.int32),
             lane=np.eye(LANES, dtype=np.int32),
             hits=np.zeros(LANES, dtype=np.int32),
             stack=np.zeros((_STACK, 2), dtype=np.int64),
             intervals=np.zeros((_INTERVALS, 2)),
+            step=np.zeros(self.robot.dof),
+            turned=singles(joints),
         )
 
 
@@ -220,7 +225,7 @@ def _bounds_of(robot: Robot, progress: Progress | None) -> CollisionBounds:
     return bounds
 
 
-def _kept_covers(robot: Robot, progress: Progress | None) -> RobotCovers:
+def _kept_covers(robot: Robot, progress: Progress | None) -> list[Cover]:
     options, sharpening = CoverOptions(), SharpeningOptions()
     key = cover_key(robot, options, sharpening)
     covers = load_covers(key)
@@ -236,21 +241,18 @@ def _kept_covers(robot: Robot, progress: Progress | None) -> RobotCovers:
     return covers
 
 
-def _extended(base: CollisionBounds, robot: Robot) -> RobotCovers:
+def _extended(base: CollisionBounds, robot: Robot) -> list[Cover]:
     """Covers of a robot that holds something: what it has in common with the bare one is known."""
-    places = {members: place for place, members in enumerate(base.groups.members)}
-    groups = group_bodies(robot.collision_model)
+    known = dict(zip(base.groups.members, base.covers, strict=True))
     covers = []
-    for members in groups.members:
-        if members in places:
-            covers.append(base.covers.covers[places[members]])
-        else:
+    for members in group_bodies(robot.collision_model).members:
+        cover = known.get(members)
+        if cover is None:
             builder = _builder(robot, members, CoverOptions())
             builder.build()
-            covers.append(builder.cover())
-    known = {frozenset(base.groups.members[group] for group in pair) for pair in base.covers.clear_pairs.tolist()}
-    clear = [pair for pair in groups.pairs.tolist() if frozenset(groups.members[group] for group in pair) in known]
-    return RobotCovers(tuple(covers), np.array(clear, dtype=np.int64).reshape(-1, 2))
+            cover = builder.cover()
+        covers.append(cover)
+    return covers
 
 
 def _builder(robot: Robot, members: Sequence[int], options: CoverOptions) -> CoverBuilder:
@@ -263,10 +265,8 @@ def build_covers(
     options: CoverOptions | None = None,
     sharpening: SharpeningOptions | None = None,
     progress: Progress | None = None,
-) -> RobotCovers:
-    """Covers of a robot's groups of bodies, made anew.
-
-    See `CoverBuilder`, `sharpen_close_pairs` and `find_clear_pairs`: what needs no sharper covers is found first.
+) -> list[Cover]:
+    """Covers of a robot's groups of bodies, made anew. See `CoverBuilder` and `sharpen_close_pairs`.
 
     Args:
         robot: a robot.
@@ -282,34 +282,23 @@ def build_covers(
         builders[-1].build()
         if progress is not None:
             progress(number + 1, len(groups.members) + 1)
+
+    def covers() -> list[Cover]:
+        return [builder.cover() for builder in builders]
+
     nothing = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame)
     judge = ExactChecker(robot, nothing)
-    clear = np.empty((0, 2), dtype=np.int64)
-
-    def covers() -> RobotCovers:
-        return RobotCovers(tuple(builder.cover() for builder in builders), clear)
-
-    def checks() -> Checks:
-        return CollisionBounds(robot, groups, covers()).checks(nothing)
 
     def undecided(configurations: FloatArray) -> FloatArray:
-        verdicts = Verdicts(checks()).of_states(configurations)
+        bounds = CollisionBounds(robot, groups, covers())
+        verdicts = Verdicts(bounds.checks(nothing)).of_states(configurations)
         open_ones = configurations[verdicts == UNDECIDED]
         return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
 
-    clear = find_clear_pairs(robot, groups, checks(), by_coal=True)
-    pairs = _without(groups.pairs, clear)
-    sharpen_close_pairs(robot, groups, builders, pairs, undecided, sharpening or SharpeningOptions())
-    clear = find_clear_pairs(robot, groups, checks(), by_coal=False)
+    sharpen_close_pairs(robot, groups, builders, undecided, sharpening or SharpeningOptions())
     if progress is not None:
         progress(len(groups.members) + 1, len(groups.members) + 1)
     return covers()
-
-
-def _without(pairs: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The rows of an array (p, 2) that are not rows of another (k, 2)."""
-    dropped = {tuple(pair) for pair in others.tolist()}
-    return np.array([pair for pair in pairs.tolist() if tuple(pair) not in dropped], dtype=np.int64).reshape(-1, 2)
 
 
 def _turned_frames(axes: FloatArray) -> list[FloatArray]:
@@ -335,7 +324,7 @@ def _chain_length(model: pin.Model, prismatic: np.ndarray, joint: int) -> float:
         length += float(np.linalg.norm(model.jointPlacements[mover + 1].translation))
         if prismatic[mover]:
             index = model.joints[mover + 1].idx_v
-            length += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index]))
+            length += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index])) + _BEYOND_LIMITS
     return length
 
 

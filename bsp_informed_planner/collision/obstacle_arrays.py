@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from bsp_informed_planner.collision.allowed_contacts import AllowedContacts
 from bsp_informed_planner.collision.check_arrays_kernels import (
     BALL,
     BOX,
@@ -47,7 +48,7 @@ _NO_PLANES = np.empty((0, 4))
 _known: WeakKeyDictionary[Obstacle, tuple[Part, ...]] = WeakKeyDictionary()
 
 
-def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
+def pack_obstacles(scene: Scene, reach: float, rounding: float, contacts: AllowedContacts) -> Obstacles:
     """Arrays of a scene's obstacles.
 
     What no point of the robot can come near is left out, and boxes are cut to what it can: the kernels compute in
@@ -57,11 +58,14 @@ def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
         scene: in the robot's root frame.
         reach: distance from the origin that no point of the robot and its padding exceeds [m].
         rounding: error that hits of the cores have to bear [m].
+        contacts: that the scene allows.
 
     Raises:
         InvalidObstacleError: if a shape of an obstacle has no volume.
     """
-    parts = [part for obstacle in scene.obstacles.values() for part in _parts_of(obstacle)]
+    found = [(part, contacts.classes.get(key, 0)) for key, own in scene.obstacles.items() for part in _parts_of(own)]
+    parts = [part for part, _ in found]
+    classes = np.array([number for _, number in found], dtype=np.int64)
     count = len(parts)
     kinds = np.array([part[0] for part in parts], dtype=np.int64)
     numbers = np.array([part[1] for part in parts]).reshape(count, PART_SIZE)
@@ -80,6 +84,8 @@ def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
     leaves = order >= 0
     node_kinds = np.full(len(order), -1, dtype=np.int64)
     node_kinds[leaves] = kinds[near][order[leaves]]
+    node_classes = np.zeros(len(order), dtype=np.int64)
+    node_classes[leaves] = classes[near][order[leaves]]
     node_parts = np.zeros((len(order), PART_SIZE))
     node_parts[leaves] = numbers[near][order[leaves]]
     cores = node_parts.copy()
@@ -90,6 +96,8 @@ def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
         ends,
         node_kinds,
         node_parts.astype(np.float32),
+        node_classes,
+        contacts.table,
         all_planes.astype(np.float32),
         cores.astype(np.float32),
         (all_planes - [0.0, 0.0, 0.0, rounding]).astype(np.float32),
