@@ -11,15 +11,16 @@ from bsp_informed_planner.collision import cover_files
 from bsp_informed_planner.collision.cover import Cover, CoverOptions
 from bsp_informed_planner.collision.cover_files import SHIPPED, cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.sharpening import SharpeningOptions
-from bsp_informed_planner.robots.demo_arms import ur5
+from bsp_informed_planner.robots.demo_arms import panda, tiago, ur5
 from bsp_informed_planner.robots.point import PointRobot
 
 
-def test_the_demo_arm_comes_with_its_covers() -> None:
+def test_the_demo_arms_come_with_their_covers() -> None:
     """After a change of the code that builds covers: `python tools/ship_covers.py`."""
-    key = cover_key(ur5(), CoverOptions(), SharpeningOptions())
-    assert [path.name for path in SHIPPED.glob("*.npz")] == [f"{key}.npz"]
-    assert load_covers(key)
+    keys = [cover_key(arm(), CoverOptions(), SharpeningOptions()) for arm in (ur5, panda, tiago)]
+    assert sorted(path.stem for path in SHIPPED.glob("*.npz")) == sorted(keys)
+    assert all(load_covers(key) for key in keys)
+    assert sum(path.stat().st_size for path in SHIPPED.glob("*.npz")) < 1e6
 
 
 def test_a_file_gives_back_covers_that_are_no_less_conservative(

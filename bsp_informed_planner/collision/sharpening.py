@@ -30,6 +30,7 @@ class SharpeningOptions:
         factor: by which protrusions shrink in each round.
         finest: protrusion that is not shrunk further [m].
         most_balls: sharpened in each round, those first that are to blame most often.
+        most_leaves: of a group's tree: none of its balls is sharpened after that.
     """
 
     rounds: int = 5
@@ -39,6 +40,7 @@ class SharpeningOptions:
     factor: float = 0.5
     finest: float = 6e-4
     most_balls: int = 200
+    most_leaves: int = 8000
 
 
 # Tells which of configurations (m, n), free of self-collision, are left undecided by the covers as they are: (k, n).
@@ -86,13 +88,16 @@ def sharpen_close_pairs(
                 for a, b in touching_balls(placed[first], placed[second], centre, radius):
                     for key in ((int(first), int(a)), (int(second), int(b))):
                         blame[key] = blame.get(key, 0) + 1
+        counts = [len(group) for group in leaves]
         worst = sorted(blame, key=lambda key: -blame[key])
         done = 0
         for group, index in worst:
             leaf: Node = leaves[group][index]
-            if leaf.protrusion > options.finest and done < options.most_balls:
-                builders[group].sharpen(leaf, max(options.factor * leaf.protrusion, options.finest))
-                done += 1
+            if leaf.protrusion <= options.finest or done == options.most_balls or counts[group] >= options.most_leaves:
+                continue
+            builders[group].sharpen(leaf, max(options.factor * leaf.protrusion, options.finest))
+            counts[group] += max(len(leaf.children) - 1, 0)
+            done += 1
         logger.debug("%d configurations undecided; %d balls sharpened", len(tried), done)
         if not done:
             break
