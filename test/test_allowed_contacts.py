@@ -69,7 +69,7 @@ def test_what_is_held_may_touch_what_the_hand_may_not(arm: ArmRobot) -> None:
     held = replace(Scene.of([board], BOUNDS, arm.root_frame), attached={"parcel": body})
     states = np.random.default_rng(1).uniform(-np.pi, np.pi, (2500, 6))
     strict, allowed = counts(arm, held, states), counts(arm, allowing(held, ("parcel", "board")), states)
-    assert allowed[True, FREE] > strict[True, FREE] + 50
+    assert allowed[True, FREE] > strict[True, FREE] + 40
     assert allowed[True, FREE] > 0.9 * (allowed[True, FREE] + allowed[True, UNDECIDED])
     assert allowed[False, COLLIDING] > 0.8 * (allowed[False, COLLIDING] + allowed[False, UNDECIDED])
 
@@ -79,14 +79,14 @@ def two_fingers() -> ArmRobot:
     links = "".join(
         f'<link name="{name}"><collision><origin xyz="{place}"/><geometry><sphere radius="0.05"/></geometry>'
         "</collision></link>"
-        for name, place in (("base", "0 0 -1"), ("left", "0.3 0.2 0"), ("right", "0.3 -0.2 0"))
+        for name, place in (("left", "0.3 0.2 0"), ("right", "0.3 -0.2 0"))
     )
     joints = (
         '<joint name="slide" type="prismatic"><parent link="base"/><child link="left"/><axis xyz="0 1 0"/>'
         '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
         '<joint name="fixed" type="fixed"><parent link="left"/><child link="right"/></joint>'
     )
-    return load_arm(f'<robot name="fingers">{links}{joints}</robot>')
+    return load_arm(f'<robot name="fingers"><link name="base"/>{links}{joints}</robot>')
 
 
 def test_one_of_two_bodies_in_a_group_may_touch() -> None:

@@ -40,7 +40,7 @@ class SharpeningOptions:
     factor: float = 0.5
     finest: float = 6e-4
     most_balls: int = 200
-    most_leaves: int = 8000
+    most_leaves: int = 20_000
 
 
 # Tells which of configurations (m, n), free of self-collision, are left undecided by the covers as they are: (k, n).
