@@ -156,10 +156,11 @@ def test_covers_of_the_arm_are_used_again(arm: ArmRobot) -> None:
     known = bounds_of(arm)
     bounds = bounds_of(robot_in_scene(arm, holding(shelf(arm), PARCEL)))
     # The parcel is apart from the link that carries it.
-    assert len(bounds.covers) == len(known.covers) + 1
-    for members, cover in zip(known.groups.members, known.covers, strict=True):
-        same = bounds.covers[bounds.groups.members.index(members)]
+    assert len(bounds.covers.covers) == len(known.covers.covers) + 1
+    for members, cover in zip(known.groups.members, known.covers.covers, strict=True):
+        same = bounds.covers.covers[bounds.groups.members.index(members)]
         assert np.allclose(same.outer, cover.outer, atol=1e-5)
+    assert len(bounds.covers.clear_pairs) == len(known.covers.clear_pairs) > 0
 
 
 def test_touch_links_are_not_checked(arm: ArmRobot) -> None:

@@ -133,7 +133,7 @@ def test_frames_are_pinocchios(seed: int, joints: int) -> None:
     tree = bounds.arrays.outer
     for lane in (0, 7, 15):
         pin.forwardKinematics(robot.model, data, start + lane / 15.0 * (end - start))
-        for group, cover in enumerate(bounds.covers):
+        for group, cover in enumerate(bounds.covers.covers):
             joint = int(groups.joints[group])
             frame = checks.scratch.frames[joint].reshape(12, -1)[:, lane].astype(np.float64)
             first = tree.spheres[tree.roots[group], :3].astype(np.float64)

@@ -87,7 +87,7 @@ class RobotBounds(NamedTuple):
         joints: (g,) which joint carries a group, 0 for none.
         exposed: (g,) 1 for groups that are checked against obstacles.
         pairs: (p, 2) groups that are checked against each other.
-        lower, upper: (n,) limits, and a little more: bounds hold within.
+        lower, upper: (n,) limits, and a little more: what is said of a robot is not said of configurations outside.
         levers: (g, n) bound of the distance of the group's sphere centres from the joint's axis [m], 1 for prismatic
             joints; 0 where the joint does not move the group.
     """

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.cover_kernels import (
     assign_cells,
@@ -77,6 +78,19 @@ class Cover:
     outer: FloatArray
     ends: np.ndarray
     inner: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class RobotCovers:
+    """Covers of all groups of a robot's bodies.
+
+    Attributes:
+        covers: of each group.
+        clear_pairs: (k, 2) groups that never touch, although they are checked against each other.
+    """
+
+    covers: tuple[Cover, ...]
+    clear_pairs: NDArray[np.int64]
 
 
 class CoverBuilder:

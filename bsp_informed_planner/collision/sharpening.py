@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.body_groups import BodyGroups
 from bsp_informed_planner.collision.cover import CoverBuilder, Node
@@ -51,6 +52,7 @@ def sharpen_close_pairs(
     robot: Robot,
     groups: BodyGroups,
     builders: Sequence[CoverBuilder],
+    pairs: NDArray[np.int64],
     undecided: Undecided,
     options: SharpeningOptions,
     seed: int = 0,
@@ -65,6 +67,7 @@ def sharpen_close_pairs(
         robot: a robot.
         groups: of its bodies.
         builders: of each group's cover; their trees grow.
+        pairs: (p, 2) groups that are looked at.
         undecided: see there.
         options: see there.
         seed: of the configurations.
@@ -82,7 +85,7 @@ def sharpen_close_pairs(
         for configuration in tried:
             pin.forwardKinematics(robot.model, data, configuration)
             placed = [_placed(group, data.oMi[int(joint)]) for group, joint in zip(balls, groups.joints, strict=True)]
-            for first, second in groups.pairs:
+            for first, second in pairs:
                 centre = placed[second][:, :3].mean(axis=0)
                 radius = float((np.linalg.norm(placed[second][:, :3] - centre, axis=1) + placed[second][:, 3]).max())
                 for a, b in touching_balls(placed[first], placed[second], centre, radius):

@@ -57,7 +57,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             continue
         step = rng.normal(size=robot.dof)
         end = np.clip(start + rng.uniform(0.05, 1.5) * step / np.linalg.norm(step), robot.lower, robot.upper)
-        verdict = verdicts.of_edges(start[None], end[None])[0]
+        verdict = int(verdicts.of_edges(start[None], end[None])[0])
         fine = verdict == FREE and rng.random() < FINE_SHARE
         free = judge.is_edge_free(start, end, FINE_SPACING if fine else SPACING)
         if free and verdict == COLLIDING:

@@ -14,6 +14,7 @@ import numpy as np
 from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Row
 from bsp_informed_planner.benchmarks.collision.subjects import ROBOTS, robot_of
 from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
+from bsp_informed_planner.collision.body_groups import group_bodies
 from bsp_informed_planner.collision.bounds import build_covers
 
 BUILD_LIMIT, COMPILE_LIMIT, START_LIMIT = 90.0, 30.0, 0.5
@@ -52,8 +53,9 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         return {"what": "kernels", "cold": cold, "cached": float(np.median(starts))}
     robot = robot_of(str(parameters["robot"]))
     begin = time.perf_counter()
-    covers = build_covers(robot)
+    built = build_covers(robot)
     seconds = time.perf_counter() - begin
+    covers = built.covers
     return {
         "what": "covers",
         "robot": str(parameters["robot"]),
@@ -61,6 +63,8 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         "outer": sum(int((cover.ends == np.arange(len(cover.ends)) + 1).sum()) for cover in covers),
         "nodes": sum(len(cover.outer) for cover in covers),
         "inner": sum(len(cover.inner) for cover in covers),
+        "clear": len(built.clear_pairs),
+        "pairs": len(group_bodies(robot.collision_model).pairs),
     }
 
 
@@ -82,8 +86,11 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     )
     if covers:
         section.table(
-            ["robot", "outer balls", "nodes of the trees", "inner balls", "build [s]"],
-            [[row["robot"], row["outer"], row["nodes"], row["inner"], float(row["seconds"])] for row in covers],
+            ["robot", "outer balls", "nodes of trees", "inner balls", "pairs of groups", "never touch", "build [s]"],
+            [
+                [*(row[name] for name in ("robot", "outer", "nodes", "inner", "pairs", "clear")), float(row["seconds"])]
+                for row in covers
+            ],
         )
     for row in covers:
         name = f"covers of a {row['robot']}"
