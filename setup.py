@@ -42,7 +42,6 @@ setup(
         "pyyaml>=6.0",
         "rich>=13",
         "scipy>=1.13,<2",
-        "toppra>=0.6.3,<0.7",
         "trimesh>=4.4,<6",
         "typer>=0.12,<1",
     ],
@@ -79,7 +78,7 @@ setup(
         # What benchmarks compare with; ompl is also a family of planner ids.
         "baselines": ["ompl>=2.0,<3", "rustworkx>=0.15,<1"],
         "view": ["viser>=1.0,<2"],
-        "test": ["hypothesis>=6.100,<7", "pytest>=8.2,<10", "python-fcl>=0.7.0.8,<0.8"],
+        "test": ["hypothesis>=6.100,<7", "pytest>=8.2,<10", "python-fcl>=0.7.0.8,<0.8", "toppra>=0.6.3,<0.7"],
         "lint": ["mypy>=1.11,<3", "ruff>=0.6,<1", "types-PyYAML>=6.0"],
         # The site that `make docs` builds; from Python 3.11 on.
         "docs": ["mkdocstrings-python>=2.0,<3", "zensical>=0.0.73,<0.1"],

@@ -119,13 +119,18 @@ def running_suite(robot: str) -> Iterator[Suite]:
 
 
 def point_request(goal: tuple[float, float] = (0.9, 0.5), **fields: object) -> PlanRequest:
-    """From the left of the wall to a goal, in a second at most, the first path will do."""
-    request = PlanRequest(allowed_planning_time=1.0, first_solution=True, seed=1)
+    """From the left of the wall to a goal; the first path will do."""
+    request = PlanRequest(allowed_planning_time=5.0, first_solution=True, seed=1)
     request.start.position = [0.1, 0.5]
     request.goal_states = [type(request.start)(position=list(goal))]
     for name, value in fields.items():
         setattr(request, name, value)
     return request
+
+
+def guided_request(goal: tuple[float, float] = (0.9, 0.5), **fields: object) -> PlanRequest:
+    """The same for RRT*, which asks for guidance before anything else."""
+    return point_request(goal, planner_id="rrt_star", **fields)
 
 
 def waypoints(response: PlanResponse, joints: int = 2) -> np.ndarray:

@@ -129,10 +129,10 @@ def test_times_of_calls() -> None:
     times = time_calls(seen.append, prepare, repeats=5)
     assert times.repeats == 5
     assert seen == made == list(range(6))
-    assert 0.0 <= times.fastest <= times.wall < 0.1
+    assert 0.0 <= times.fastest <= times.wall < 1.0
     seconds, result = timed(sum, [1, 2])
     assert result == 3
-    assert 0.0 <= seconds < 0.1
+    assert 0.0 <= seconds < 1.0
 
 
 def test_peak_memory_sees_large_arrays() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -93,6 +94,8 @@ def test_decompose_counts_and_draws(maze_file: Path, tmp_path: Path) -> None:
     assert png.stat().st_size > 10_000
     result = runner.invoke(app, ["decompose", str(maze_file), "--dimension", "2", "--json"])
     content = json.loads(result.stdout)
+    table = (Path(__file__).parent.parent / "docs" / "decomposition.md").read_text()
+    assert set(content) <= set(re.findall(r"`(\w+)`", table))
     assert content["free_cells"] >= len(content["cells"]) > 0
     assert len(content["portal_polygons"]) == content["portals"]
     assert len(content["candidate_points"]) == content["candidates"]

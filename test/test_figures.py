@@ -12,7 +12,8 @@ from matplotlib.image import imread
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.graph import shortest_chain
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.planning.growth import GrownTree, Growth
+from bsp_informed_planner.planning.grown_tree import GrownTree
+from bsp_informed_planner.planning.growth import Growth
 from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot

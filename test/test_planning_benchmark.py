@@ -16,7 +16,7 @@ from rich.console import Console
 from bsp_informed_planner.benchmarks import statistics
 from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments, Mode
 from bsp_informed_planner.benchmarks.machine import pinned, processors
-from bsp_informed_planner.benchmarks.planning import certificates, costs, first_paths, problems
+from bsp_informed_planner.benchmarks.planning import certificates, costs, first_paths, problems, threads
 from bsp_informed_planner.benchmarks.planning.benchmark import planning_benchmark
 from bsp_informed_planner.benchmarks.planning.methods import History, Run, has_ompl, methods, robot, warm_up
 from bsp_informed_planner.benchmarks.planning.problems import ShelfProblem, draw_problem, draw_solved_problem
@@ -192,6 +192,7 @@ def test_later_than_rrt_connect() -> None:
 
 def cost_row(stratum: str, first: float | None, **found: list[tuple[float, float]]) -> dict[str, Any]:
     row: dict[str, Any] = {"stratum": stratum, "seconds": 5.0, "uniform_first_cost": first}
+    row |= {f"{name}_seconds": 5.0 for name in found}
     for name, steps in found.items():
         history = History(tuple(s for s, _ in steps), tuple(c for _, c in steps))
         stored = [history.cost_at(time) for time in costs.grid(5.0)]
@@ -219,6 +220,18 @@ def test_costs_are_paired() -> None:
         assert found["cost after 5 s against OMPL AORRTC's after 5 s"].value == pytest.approx(3.0 / 3.3)
 
 
+def test_threads_are_paired() -> None:
+    rows = [
+        {"stratum": "easy", "first_1": 0.004, "first_2": 0.002, "cost_1": 4.0, "cost_2": 3.8},
+        {"stratum": "easy", "first_1": 0.001, "first_2": 0.002, "cost_1": 4.0, "cost_2": None},
+        {"stratum": "hard", "first_1": None, "first_2": 0.9, "cost_1": None, "cost_2": None},
+    ]
+    found = numbers(threads.summarise, rows)
+    assert found["time to the first path by two threads relative to one, easy"].value == pytest.approx(1.0)
+    assert found["cost after 0.1 s by two threads relative to one, easy"].value == pytest.approx(0.95)
+    assert not any(name.endswith("hard") for name in found)
+
+
 def test_verdicts_are_counted() -> None:
     key = f"{next(iter(certificates.CHECKS))}: simplified"
     rows: list[dict[str, Any]] = [{key: "colliding"}, {key: "certified"}, {key: "checked"}, {key: "colliding"}, {}]
@@ -232,7 +245,7 @@ def test_verdicts_are_counted() -> None:
 @pytest.mark.skipif(not has_ompl(), reason="ompl is not installed")
 def test_small_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     benchmark = planning_benchmark(quick=True)
-    assert {part.name for part in benchmark.parts} == {"first", "costs", "certificates"}
+    assert {part.name for part in benchmark.parts} == {"first", "threads", "costs", "certificates"}
     parts = []
     for part in benchmark.parts:
         cases = [{**case, "seconds": 0.1} if "seconds" in case else case for case in part.cases[:1]]

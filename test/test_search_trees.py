@@ -18,7 +18,7 @@ from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.planning.subset_kernels import Space, draw_uniform
-from bsp_informed_planner.planning.tree import add, max_nodes, new_tree, nodes_and_parents, path_to_root
+from bsp_informed_planner.planning.tree import add, grown, max_nodes, new_tree, path_to_root
 from bsp_informed_planner.planning.tree_kernels import set_parent
 from bsp_informed_planner.sampling.informed import ProlateHyperspheroid
 from bsp_informed_planner.sampling.sampler import UniformSampler
@@ -171,9 +171,9 @@ def test_a_blocked_chain_seeds_both_trees() -> None:
     trees.seed([blocked, blocked])
     # Work for the chains alone.
     assert trees.solve(uniform_samples(), Budget(60.0), effort=1) is None
-    for (nodes, parents), ahead in ((trees.start_tree(), blocked), (trees.goal_tree(), blocked[::-1])):
-        assert np.array_equal(nodes[:3], ahead[:3])
-        assert parents[:3].tolist() == [-1, 0, 1]
+    for tree, ahead in ((trees.start_tree(), blocked), (trees.goal_tree(), blocked[::-1])):
+        assert np.array_equal(tree.nodes[:3], ahead[:3])
+        assert tree.parents[:3].tolist() == [-1, 0, 1]
 
 
 def test_the_way_the_work_is_divided_makes_no_difference() -> None:
@@ -376,11 +376,11 @@ def test_interpolation_keeps_waypoints_and_step() -> None:
 def test_trees_grow_beyond_their_first_memory() -> None:
     trees = RrtConnect(wall(-0.2).verdicts(), space_of(0), 0.02)
     assert trees.solve(uniform_samples(), Budget(60.0, max_samples=12_000)) is None
-    nodes, parents = trees.start_tree()
+    nodes, parents = trees.start_tree().nodes, trees.start_tree().parents
     assert len(nodes) > 1024
-    assert trees.nodes == len(nodes) + len(trees.goal_tree()[0])
+    assert trees.nodes == len(nodes) + len(trees.goal_tree().nodes)
     assert parents[0] == -1
     assert (parents[1:] < np.arange(1, len(parents))).all()
     tree = new_tree(4, 2)
     add(tree, np.zeros((2, 2)), np.array([-1, 0]), np.zeros(2, np.bool_), np.ones(2))
-    assert nodes_and_parents(tree)[1].tolist() == [-1, 0]
+    assert grown(tree).parents.tolist() == [-1, 0]

@@ -95,7 +95,7 @@ def test_scene_cannot_be_changed() -> None:
         scene.obstacles["b"] = scene.obstacles["a"]  # type: ignore[index]
 
 
-@pytest.mark.parametrize("upper", [[1.0, 1.0, -1.0], [1.0, 1.0, np.nan], [1.0, 1.0]])
+@pytest.mark.parametrize("upper", [[1.0, 1.0, -1.0], [1.0, 1.0, -0.9995], [1.0, 1.0, np.nan], [1.0, 1.0]])
 def test_bad_bounds_are_refused(upper: list[float]) -> None:
     with pytest.raises(InvalidWorkspaceError):
         WorkspaceBounds(np.full(3, -1.0), np.array(upper))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bsp_informed_planner.benchmarks.networks.maze_world import MazeWorld
-from bsp_informed_planner.networks.card import ModelCard
-from bsp_informed_planner.networks.registry import SHIPPED, load_model, shipped_models
+from bsp_informed_planner.networks.card import SHIPPED, ModelCard
+from bsp_informed_planner.networks.registry import load_model, shipped_models
 from bsp_informed_planner.sampling.guide import GUIDES, make_guide
 from bsp_informed_planner.sampling.keypoint_estimation import SceneView, estimator_of
 from bsp_informed_planner.sampling.models import find_model

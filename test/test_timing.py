@@ -1,3 +1,5 @@
+"""Timing keeps limits and path, and is as fast as the reference implementation of its method."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -5,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bsp_informed_planner.planning.path import without_repeats
 from bsp_informed_planner.planning.problem import Trajectory
-from bsp_informed_planner.planning.timing import BlendedPath, time_path
+from bsp_informed_planner.planning.timing import time_path
+from bsp_informed_planner.planning.timing_kernels import blend
 from bsp_informed_planner.scene.pose import FloatArray
 
 VELOCITY = np.array([2.0, 1.0, 3.0])
@@ -94,14 +98,76 @@ def test_a_path_that_does_not_move_is_one_point() -> None:
     assert trajectory.duration == 0.0
 
 
+def ends_of(lengths: FloatArray, points: FloatArray, tangents: FloatArray, bends: FloatArray) -> list[FloatArray]:
+    """Positions and tangents at the ends of pieces."""
+    along = lengths[:, None]
+    return [points + along * tangents + 0.5 * along**2 * bends, tangents + along * bends]
+
+
 @given(paths)
 def test_blended_paths_have_a_continuous_tangent(path: FloatArray) -> None:
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    if steps.min() < 1e-2:
+    path = without_repeats(path)
+    if len(path) < 2 or np.linalg.norm(np.diff(path, axis=0), axis=1).min() < 1e-2:
         return
-    blended = BlendedPath(path, 0.05)
-    breaks = blended.gridpoints()
-    inner = breaks[(breaks > breaks[0] + 1e-6) & (breaks < breaks[-1] - 1e-6)]
-    for order, tolerance in ((0, 1e-6), (1, 1e-3)):
-        gap = np.abs(blended(inner + 1e-9, order) - blended(inner - 1e-9, order))
-        assert gap.max(initial=0.0) <= tolerance
+    lengths, points, tangents, bends, stops = blend(path, 0.05)
+    positions, directions = ends_of(lengths, points, tangents, bends)
+    assert stops[[0, -1]].all()
+    assert np.allclose(positions[:-1], points[1:], atol=1e-9)
+    assert np.allclose(points[0], path[0])
+    assert np.allclose(positions[-1], path[-1])
+    turning = ~stops[1:-1]
+    assert np.allclose(directions[:-1][turning], tangents[1:][turning], atol=1e-6)
+
+
+@settings(max_examples=20, deadline=None)
+@given(paths, st.sampled_from([0.005, 0.05, 0.3]))
+def test_limits_hold_between_the_points_too(path: FloatArray, deviation: float) -> None:
+    coarse, fine = (
+        time_path(path, VELOCITY, ACCELERATION, deviation=deviation, time_step=step) for step in (0.1, 1e-3)
+    )
+    assert coarse.duration == fine.duration
+    if len(fine.times) > 1:
+        assert (np.abs(fine.velocities) <= VELOCITY).all()
+        assert (np.abs(fine.accelerations) <= ACCELERATION).all()
+
+
+def toppra_duration(path: FloatArray, deviation: float) -> float:
+    """What toppra makes of the same path, on a fine grid."""
+    toppra = pytest.importorskip("toppra")
+    lengths, points, tangents, bends, _ = blend(path, deviation)
+    breaks = np.concatenate(([0.0], np.cumsum(lengths)))
+
+    class Blended(toppra.interpolator.AbstractGeometricPath):  # type: ignore[name-defined, misc]
+        dof = path.shape[1]
+        path_interval = breaks[[0, -1]]
+        waypoints = breaks[[0, -1]], path[[0, -1]]
+
+        def __call__(self, at: FloatArray, order: int = 0) -> FloatArray:
+            index = np.clip(np.searchsorted(breaks, at, side="right") - 1, 0, len(lengths) - 1)
+            along = np.asarray(at - breaks[index])[..., None]
+            values = (
+                points[index] + along * tangents[index] + 0.5 * along**2 * bends[index],
+                tangents[index] + along * bends[index],
+                bends[index],
+            )
+            return np.asarray(values[order])
+
+    limits = (np.stack((-limit, limit), axis=1) for limit in (VELOCITY, ACCELERATION))
+    kinds = toppra.constraint.JointVelocityConstraint, toppra.constraint.JointAccelerationConstraint
+    inner = breaks[:-1, None] + lengths[:, None] * np.linspace(0.0, 1.0, 200, endpoint=False)
+    solver = toppra.algorithm.TOPPRA(
+        [kind(limit) for kind, limit in zip(kinds, limits, strict=True)],
+        Blended(),
+        gridpoints=np.append(inner.ravel(), breaks[-1]),
+        solver_wrapper="seidel",
+    )
+    _, speeds, _ = solver.compute_parameterization(0.0, 0.0)
+    return float((2.0 * np.diff(solver.gridpoints) / (speeds[:-1] + speeds[1:])).sum())
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_as_fast_as_toppra(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path = rng.uniform(-2.0, 2.0, (rng.integers(2, 8), 3))
+    ours = time_path(path, VELOCITY, ACCELERATION, deviation=0.05, time_step=0.02).duration
+    assert ours == pytest.approx(toppra_duration(path, 0.05), rel=0.01)

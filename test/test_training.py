@@ -266,7 +266,7 @@ def test_regression_examples_are_neighbours_of_chains(training_split: Experience
 
 def test_paths_are_resampled_evenly(training_split: Experience) -> None:
     path = training_split.paths[0]
-    points = resampled(path)
+    points = resampled(path, 32)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     np.testing.assert_allclose(points[[0, -1]], path[[0, -1]])
     assert steps.max() < 1.01 * training_split.path_costs[0] / 31

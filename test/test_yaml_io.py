@@ -33,7 +33,7 @@ from bsp_informed_planner.scene.shapes import (
 from bsp_informed_planner.scene.shelf import random_shelf
 from bsp_informed_planner.scene.yaml_io import problem_from_yaml, save_scene, scene_from_yaml, scene_to_yaml
 
-BOUNDS = WorkspaceBounds(np.array([-1.0, -0.3, 0.1]), np.array([1.0, 1 / 3, 1e-5 + 0.1]))
+BOUNDS = WorkspaceBounds(np.array([-1.0, -0.3, 0.1]), np.array([1.0, 1 / 3, 2e-3 + 0.1]))
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 

@@ -283,6 +283,9 @@ def collect(
     epsilon: Annotated[
         float | None, typer.Option(help="Keypoints closer than this are merged [m]; default: by robot.", min=0.0)
     ] = None,
+    paths_only: Annotated[
+        bool, typer.Option("--paths-only", help="Paths of whole problems without keypoints: several times faster.")
+    ] = False,
 ) -> None:
     """Collect experience: solve random problems as the paper's Algorithm 2 does, and store keypoints and paths.
 
@@ -313,6 +316,7 @@ def collect(
                 scheduler,
                 goals,
                 epsilon,
+                paths_only,
             )
         )
     )
@@ -324,7 +328,10 @@ def train(
     out: Annotated[Path, typer.Option(help="Folder of weights, card, checkpoint and TensorBoard curves.")],
     model: Annotated[
         str,
-        typer.Option(help="heatmap, sequential_regression, segment_cvae, cvae, cvae_shortest_path or gmm."),
+        typer.Option(
+            help="heatmap, sequential_regression, segment_cvae, cvae, cvae_shortest_path, path_chains, "
+            "path_chains_without_scene, path_library or gmm."
+        ),
     ] = "heatmap",
     name: Annotated[str | None, typer.Option(help="Of the files; default: family of the problems and model.")] = None,
     problems: Annotated[int | None, typer.Option(help="Train on at most so many problems.", min=1)] = None,

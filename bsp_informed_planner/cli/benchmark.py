@@ -57,7 +57,30 @@ def networks(
 
 
 @app.command()
-def nodes(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
+def guidance(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    models: Annotated[
+        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+    ] = None,
+    controls: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a model of kind path_chains_without_scene.", exists=True, file_okay=False),
+    ] = None,
+) -> None:
+    """Learned guidance of an arm: chains, samples and plans, beside exact keypoints, a path library and controls."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.guidance.benchmark import guidance_benchmark
+
+    folders = [None if folder is None else str(folder) for folder in (models, controls)]
+    benchmark = guidance_benchmark(quick, *folders)
+    folder = f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}")
+    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / folder, 1))
+
+
+@app.command()
+def service(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
     """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
     from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark

@@ -37,6 +37,7 @@ class CollectArguments:
         scheduler: address of a Dask scheduler.
         goal_choice: "random" or "any".
         epsilon: for merging [m]; None: what suits the robot.
+        paths_only: no keypoints.
     """
 
     folder: Path
@@ -51,6 +52,7 @@ class CollectArguments:
     scheduler: str | None = None
     goal_choice: str = "random"
     epsilon: float | None = None
+    paths_only: bool = False
 
 
 def run_collect(arguments: CollectArguments) -> int:
@@ -61,7 +63,7 @@ def run_collect(arguments: CollectArguments) -> int:
     """
     console = _console()
     robot = load_robot(arguments.robot)
-    options = default_options(robot)
+    options = default_options(robot, keypoints=not arguments.paths_only)
     if arguments.epsilon is not None:
         options = replace(options, epsilon=arguments.epsilon)
     campaign = Campaign(

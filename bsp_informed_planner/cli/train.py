@@ -19,18 +19,20 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from bsp_informed_planner import __version__
+from bsp_informed_planner.errors import TrainingError
 from bsp_informed_planner.experience.dataset import Experience
 from bsp_informed_planner.experience.gmm_database import PROBLEMS, build_database
-from bsp_informed_planner.experience.trainable_models import MODELS, Training, prepare_training
+from bsp_informed_planner.experience.trainable_models import MODELS, Training, prepare_training, robot_of
 from bsp_informed_planner.experience.training import TrainingOptions, TrainingResult, TrainingState, train
 from bsp_informed_planner.networks.card import ModelCard, ModelRobot
 from bsp_informed_planner.networks.registry import save_model
 from bsp_informed_planner.networks.runtime import limit_threads
-from bsp_informed_planner.robots.point import PointRobot
-from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.path_library import PathLibrary
 
-#: The model that is no network.
-DATABASE = "gmm"
+#: The models that are no networks.
+DATABASE, LIBRARY = "gmm", "path_library"
+#: Paths in a library.
+LIBRARY_PATHS = 8000
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class TrainArguments:
 
     Attributes:
         dataset: folder.
-        model: one of `MODELS`, or "gmm".
+        model: one of `MODELS`, "gmm" or "path_library".
         out: folder of checkpoint, curves, weights and card.
         name: of the model; None: family and kind.
         problems: at most so many for training.
@@ -78,8 +80,8 @@ def run_train(arguments: TrainArguments) -> int:
     is_first = os.environ.get("RANK", "0") == "0"
     console = Console(highlight=False, quiet=not is_first, width=None if sys.stdout.isatty() else 160)
     experience = Experience.load(arguments.dataset)
-    if arguments.model == DATABASE:
-        return _run_database(arguments, experience, console)
+    if arguments.model in (DATABASE, LIBRARY):
+        return _run_without_training(arguments, experience, console)
     options = arguments.options
     limit_threads(options.threads)
     with _progress(console) as progress:
@@ -117,9 +119,28 @@ def run_train(arguments: TrainArguments) -> int:
     return 0
 
 
-def _run_database(arguments: TrainArguments, experience: Experience, console: Console) -> int:
-    """The GMM baseline: nothing is optimised, so there is nothing to resume."""
-    robot = _robot_of(experience)
+def _run_without_training(arguments: TrainArguments, experience: Experience, console: Console) -> int:
+    """Experience as it is: nothing is optimised, so there is nothing to resume."""
+    robot, family = robot_of(experience), experience.description.family
+    card = ModelCard(
+        name=arguments.name or f"{family}_{arguments.model}",
+        kind=arguments.model,
+        architecture={},
+        encoding={},
+        robot=ModelRobot(robot.name, tuple(robot.joint_names), robot.workspace_dimension, robot.tool_frame),
+        data={"family": family, "collection_seed": experience.description.seed},
+        training={"command": command(arguments)},
+        versions=_versions(),
+    )
+    if arguments.model == LIBRARY:
+        solved = experience.select(split="train", solved=True)
+        count = min(len(solved), arguments.problems or LIBRARY_PATHS)
+        if not count:
+            raise TrainingError(f"{experience.folder} has no solved problems in its split 'train'")
+        library = PathLibrary.of(robot, list(solved.paths.subset(np.arange(count))))
+        path = library.save(replace(card, data={**card.data, "paths": count}), arguments.out)
+        console.print(f"{len(library):,} paths: {path}")
+        return 0
     with _progress(console) as progress:
         task = progress.add_task("reading problems", total=None)
         database = build_database(
@@ -128,30 +149,9 @@ def _run_database(arguments: TrainArguments, experience: Experience, console: Co
             problems=arguments.problems or PROBLEMS,
             report=lambda done, total: progress.update(task, completed=done, total=total),
         )
-    family = experience.description.family
-    card = ModelCard(
-        name=arguments.name or f"{family}_{DATABASE}",
-        kind=DATABASE,
-        architecture={},
-        encoding={},
-        robot=ModelRobot(robot.name, tuple(robot.joint_names), robot.workspace_dimension, robot.tool_frame),
-        data={"family": family, "collection_seed": experience.description.seed, "waypoints": len(database.waypoints)},
-        training={"command": command(arguments)},
-        versions=_versions(),
-    )
-    path = database.save(card, arguments.out)
+    path = database.save(replace(card, data={**card.data, "waypoints": len(database.waypoints)}), arguments.out)
     console.print(f"{len(database.primitives):,} primitives, {len(database.waypoints):,} waypoints: {path}")
     return 0
-
-
-def _robot_of(experience: Experience) -> Robot:
-    """The robot that comes with the package and is the dataset's."""
-    robot = experience.description.robot
-    if robot.workspace_dimension == 2:
-        return PointRobot(robot.lower, robot.upper)
-    from bsp_informed_planner.robots.demo_arms import ur5
-
-    return ur5()
 
 
 def _train(

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable
 from enum import IntEnum
 
 import numpy as np
 import pinocchio as pin
 
-from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.exact import ExactChecker, bisection_order
 from bsp_informed_planner.collision.geometry import create_geometry_data
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: Each level of refinement halves the intervals.
 LEVELS = 6
+_WHOLE = np.array([[0.0, 1.0]])
+
+
+def _always() -> bool:
+    return True
 
 
 class Verdict(IntEnum):
@@ -66,6 +73,11 @@ class EdgeCertifier:
         self.checks = 0
         self._levels: dict[int, tuple[pin.GeometryData, pin.BroadPhaseManager_NaiveCollisionManager]] = {}
 
+    def get_ready(self) -> None:
+        """Make what the first edges would make."""
+        for level in range(LEVELS):
+            self._broadphase(level)
+
     def _broadphase(self, level: int) -> pin.BroadPhaseManager_NaiveCollisionManager:
         """A broadphase whose requests have the margins of the intervals of a level."""
         if level not in self._levels:
@@ -81,30 +93,57 @@ class EdgeCertifier:
         # The manager keeps references into the data, which must live as long as it does.
         return data, pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._collision_model, data)
 
-    def certify(self, start: FloatArray, end: FloatArray) -> Verdict:
-        """The verdict on the straight edge from start to end, both (n,) and finite."""
+    def certify(
+        self,
+        start: FloatArray,
+        end: FloatArray,
+        goes_on: Callable[[], bool] = _always,
+        parts: FloatArray | None = None,
+    ) -> Verdict:
+        """The verdict on the straight edge from start to end, both (n,) and finite.
+
+        Args:
+            start, end: (n,).
+            goes_on: asked before each state is looked at; False ends the work, with COLLIDING.
+            parts: (k, 2) intervals in [0, 1] to look at, the rest being known to be free; None: all of it.
+        """
         start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        if not (self._checker.is_free(end) and self._checker.is_free(start)):
-            return Verdict.COLLIDING
+        parts = _WHOLE if parts is None else parts
+        for at, state in ((1.0, end), (0.0, start)):
+            if (parts == at).any() and not self._checker.is_free(state):
+                return Verdict.COLLIDING
         difference = end - start
         motion = float(self._checker.robot.motion_radii @ np.abs(difference))
         if motion == 0.0:
             return Verdict.CERTIFIED
-        pieces = max(math.ceil(motion / self.coarsest), 1)
         verdict = Verdict.CERTIFIED
-        # Middle and half width of intervals in [0, 1], and their level. Depth first: no collision hides for long.
-        pending = [((2 * index + 1) / (2 * pieces), 0.5 / pieces, 0) for index in reversed(range(pieces))]
+        # Level by level, and far from each other first: most edges that are asked about are in collision, somewhere.
+        pending = deque(self._intervals(parts, motion))
         while pending:
-            middle, half, level = pending.pop()
+            if not goes_on():
+                return Verdict.COLLIDING
+            middle, half, level = pending.popleft()
             state = start + middle * difference
             self.checks += 1
             if not pin.computeCollisions(self._model, self._data, self._broadphase(level), state, True):
                 continue
-            if not self._checker.is_free(state):
+            # A body gets inside another one through its surface only: the ends have been checked for such, or what is
+            # known to be free.
+            if self._checker.touches(state):
                 return Verdict.COLLIDING
             if level + 1 == LEVELS:
                 verdict = Verdict.CHECKED
                 continue
-            pending.append((middle + 0.5 * half, 0.5 * half, level + 1))
             pending.append((middle - 0.5 * half, 0.5 * half, level + 1))
+            pending.append((middle + 0.5 * half, 0.5 * half, level + 1))
         return verdict
+
+    def _intervals(self, parts: FloatArray, motion: float) -> list[tuple[float, float, int]]:
+        """Middle, half width and level of the longest intervals of an edge's parts."""
+        found = []
+        for low, high in parts.tolist():
+            pieces = max(math.ceil((high - low) * motion / self.coarsest), 1)
+            half = 0.5 * (high - low) / pieces
+            found += [(low + (2 * index + 1) * half, half, 0) for index in range(pieces)]
+        count = len(found) + 1
+        return [found[round(fraction * count) - 1] for fraction in bisection_order(count).tolist()]

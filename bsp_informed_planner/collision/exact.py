@@ -126,7 +126,7 @@ class ExactChecker:
         # coal finds no collision among bodies at NaN.
         if not math.isfinite(configuration.sum()):
             raise ValueError("a value of the configuration is not finite")
-        return not self._touches(configuration) and self._enclosed.find(configuration) is None
+        return not self.touches(configuration) and self._enclosed.find(configuration) is None
 
     def is_edge_free(self, start: FloatArray, end: FloatArray, resolution: float | None = None) -> bool:
         """Whether the straight edge from start to end, both (n,), is free.
@@ -148,7 +148,7 @@ class ExactChecker:
         motion = float(self.robot.motion_radii @ np.abs(difference))
         order = bisection_order(max(1, math.ceil(motion / resolution)))
         # A small body gets inside a link through its surface only: the ends have been checked for such.
-        return not any(self._touches(state) for state in start + order[:, None] * difference)
+        return not any(self.touches(state) for state in start + order[:, None] * difference)
 
     def surely_free(self, configurations: FloatArray) -> NDArray[np.bool_]:
         """(m,) `is_free` of the configurations (m, n)."""
@@ -200,7 +200,8 @@ class ExactChecker:
                 return 0.0
         return 0.0 if self._enclosed.find(configuration) is not None else smallest
 
-    def _touches(self, configuration: FloatArray) -> bool:
+    def touches(self, configuration: FloatArray) -> bool:
+        """Whether surfaces touch in a configuration (n,), finite. Bodies wholly inside of others are not looked for."""
         self._checks += 1
         return bool(pin.computeCollisions(self._model, self._data, self._broadphase, configuration, True))
 

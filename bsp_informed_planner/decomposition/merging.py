@@ -23,10 +23,15 @@ def merge_keypoints(points: ArrayLike, epsilon: float, decomposition: Decomposit
 
     Returns:
         (k, 3) start, keypoints that are left, goal.
+
+    Raises:
+        ValueError: for points of another shape, or not finite.
     """
     chain = np.array(points, dtype=np.float64)
     if chain.ndim != 2 or chain.shape[1] != 3 or len(chain) < 2:
         raise ValueError(f"points of shape {chain.shape}: expected (m, 3) with m of at least 2")
+    if not np.isfinite(chain).all():
+        raise ValueError(f"points: number {int(np.argmax(~np.isfinite(chain).all(axis=1)))} is not finite")
     kept = [chain[0]]
     current = chain[1]
     for following, beyond in zip(chain[2:-1], chain[3:], strict=True):

@@ -62,6 +62,8 @@ class Collector:
             SceneError: if the scene cannot be decomposed or checked.
         """
         begin = time.perf_counter()
+        if not self.options.keypoints:
+            return replace(self._without_keypoints(seed, problem), seconds=time.perf_counter() - begin)
         decomposition = decompose(problem.scene, self.decomposition_options)
         paddings = self.options.paddings
         # What cannot be solved close to obstacles cannot be solved away from them: hence the last padding first.
@@ -74,6 +76,65 @@ class Collector:
                     break
         record = self._record(seed, problem, decomposition, attempt)
         return replace(record, seconds=time.perf_counter() - begin)
+
+    def _without_keypoints(self, seed: int, problem: GeneratedProblem) -> ProblemRecord:
+        """The path of the whole problem as its only subproblem, as far from obstacles as one was found."""
+        best: tuple[ProblemSolver, FloatArray] | None = None
+        record = self._unsolved(seed, problem)
+        for padding in reversed(self.options.paddings):
+            solver = ProblemSolver(self.robot, problem.scene, padding, self.options)
+            goals = [goal for goal in problem.goals if solver.checker.is_free(goal)]
+            if not goals or not solver.checker.is_free(problem.start):
+                break
+            record = replace(record, failure=Failure.SUBPROBLEM_SAMPLES.value)
+            goal = min(goals, key=lambda goal: float(np.linalg.norm(goal - problem.start)))
+            samples = self.options.whole_samples if best is None else self.options.max_padded_samples
+            rng = generator(seed, Stage.SUBPROBLEMS, self.options.paddings.index(padding))
+            path = solver.connected(problem.start, goal, rng, samples)
+            if path is None:
+                # What cannot be solved close to obstacles cannot be solved away from them.
+                break
+            best = solver, path
+        if best is None:
+            return record
+        solver, path = best
+        rng = generator(seed, Stage.WHOLE, self.options.paddings.index(solver.padding))
+        found = solver.solve_whole(problem.start, path[-1], rng, path)
+        assert found is not None
+        keypoints = found[[0, -1]]
+        points = self.robot.reference_points(keypoints)
+        return replace(
+            record,
+            goal=found[-1],
+            solved=True,
+            failure="",
+            padding=solver.padding,
+            path=found,
+            path_cost=path_length(found),
+            keypoints=keypoints,
+            keypoints_workspace=points,
+            merged=np.zeros(2, np.bool_),
+            subpaths=(found,),
+            chain_workspace=points,
+        )
+
+    def _unsolved(self, seed: int, problem: GeneratedProblem) -> ProblemRecord:
+        """The record of a problem whose start or goal is not free."""
+        empty = np.zeros((0, self.robot.dof))
+        return ProblemRecord(
+            seed=seed,
+            split=split_of(seed),
+            family=problem.family,
+            stratum=problem.stratum,
+            scene_json=scene_to_json(problem.scene),
+            start=problem.start,
+            goal=problem.goals[0],
+            solved=False,
+            failure=Failure.COLLIDING_END.value,
+            path=empty,
+            keypoints=empty,
+            crossings=empty,
+        )
 
     def _attempt(
         self,
@@ -97,21 +158,7 @@ class Collector:
     def _record(
         self, seed: int, problem: GeneratedProblem, decomposition: Decomposition, attempt: _Attempt | None
     ) -> ProblemRecord:
-        empty = np.zeros((0, self.robot.dof))
-        record = ProblemRecord(
-            seed=seed,
-            split=split_of(seed),
-            family=problem.family,
-            stratum=problem.stratum,
-            scene_json=scene_to_json(problem.scene),
-            start=problem.start,
-            goal=problem.goals[0],
-            solved=False,
-            failure=Failure.COLLIDING_END.value,
-            path=empty,
-            keypoints=empty,
-            crossings=empty,
-        )
+        record = self._unsolved(seed, problem)
         if attempt is None:
             return record
         chain, solver = attempt.result.chain, attempt.solver

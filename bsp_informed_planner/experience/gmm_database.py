@@ -9,10 +9,11 @@ import numpy as np
 from bsp_informed_planner.errors import TrainingError
 from bsp_informed_planner.experience.dataset import Experience
 from bsp_informed_planner.experience.provenance import robot_identity
-from bsp_informed_planner.experience.sampler_examples import resampled
+from bsp_informed_planner.experience.sampler_examples import POINTS
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.gmm import GmmOptions, PrimitiveDatabase
 from bsp_informed_planner.sampling.local_primitives import LocalPrimitives
+from bsp_informed_planner.sampling.path_shapes import resampled
 
 #: Problems in the database, as in the paper.
 PROBLEMS = 500
@@ -48,7 +49,7 @@ def build_database(
     options = options or (GmmOptions() if robot.revolute.any() else PLANAR_OPTIONS)
     parts = []
     for number in range(count):
-        states = resampled(solved.paths[number])
+        states = resampled(solved.paths[number], POINTS)
         points = np.array([robot.forward_kinematics(state).position for state in states])
         parts.append((LocalPrimitives.of(solved.scene(number), options.reach), states, points))
         report(number + 1, count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ class CollectionOptions:
     """Options of Algorithm 2. No clock bounds anything: the same options give the same rows on a busy machine too.
 
     Attributes:
+        keypoints: False: no decomposition, no keypoints; the whole problem is its only subproblem. Several times
+            faster, and all that models of whole paths need.
         epsilon: neighbouring keypoints closer than this are merged [m].
         keep_sight: keypoints whose segments are free stay apart if merging would block one; False: the paper's way.
         max_removals: how often an edge or candidate may be removed from the graph (RemoveEdge) before it is given up.
@@ -39,6 +41,7 @@ class CollectionOptions:
         InvalidOptionError: for a number outside its range.
     """
 
+    keypoints: bool = True
     epsilon: float = 0.03
     keep_sight: bool = True
     max_removals: int = 40
@@ -55,7 +58,7 @@ class CollectionOptions:
     revisit_tolerance: float = 1e-6
     allow_detours: bool = False
     path_step: float = 0.05
-    guide: KeypointGuideOptions = field(default_factory=KeypointGuideOptions)
+    guide: KeypointGuideOptions = field(default_factory=lambda: KeypointGuideOptions(exact_checks=1000))
 
     def __post_init__(self) -> None:
         def require(name: str, holds: bool, expected: str) -> None:
@@ -75,19 +78,25 @@ class CollectionOptions:
         require("path_step", 0.0 < self.path_step < np.inf, "a positive length")
 
 
-def default_options(robot: Robot) -> CollectionOptions:
+def default_options(robot: Robot, keypoints: bool = True) -> CollectionOptions:
     """Options that suit a robot: those of the paper's experiments for its kind.
 
     Paths of an arm keep a distance from obstacles where they can: the shortest ones graze them, and next to nothing
     of a path that grazes is still free once it is written with a few waypoints. Other ways around obstacles than that
     of the keypoints are worth looking for with an arm, while in a maze the keypoints are on the shortest one.
+
+    Args:
+        robot: the robot.
+        keypoints: see `CollectionOptions`.
     """
-    if robot.workspace_dimension == 2:
-        return CollectionOptions()
-    return CollectionOptions(
-        epsilon=0.05,
-        restarts=1,
-        paddings=(0.03, 0.015, 0.007, 0.0),
-        revisit_tolerance=0.02,
-        allow_detours=True,
-    )
+    options = CollectionOptions(keypoints=keypoints)
+    if robot.workspace_dimension > 2:
+        options = replace(
+            options,
+            epsilon=0.05,
+            restarts=1,
+            paddings=(0.015, 0.007, 0.0),
+            revisit_tolerance=0.02,
+            allow_detours=True,
+        )
+    return options if keypoints else replace(options, restarts=1, whole_refine_samples=0)

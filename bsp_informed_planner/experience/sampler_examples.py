@@ -14,6 +14,7 @@ from bsp_informed_planner.experience.symmetries import random_symmetry, turned_g
 from bsp_informed_planner.networks.cvae import Cvae
 from bsp_informed_planner.networks.encoding import PlanarDistances, SceneEncoding, StateFrame
 from bsp_informed_planner.networks.segment_frame import SegmentFrames, reflected
+from bsp_informed_planner.sampling.path_shapes import resampled
 from bsp_informed_planner.scene.encodings import FloatGrid
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
@@ -23,13 +24,6 @@ from bsp_informed_planner.scene.signed_distance import SignedDistance
 POINTS, STATES = 32, 64
 #: Draws of a state that collides, before it loses its noise.
 _TRIES = 10
-
-
-def resampled(path: FloatArray, count: int = POINTS) -> FloatArray:
-    """(count, n) points of a path (m, n), evenly spaced along it."""
-    lengths = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
-    places = np.linspace(0.0, lengths[-1], count)
-    return np.stack([np.interp(places, lengths, path[:, k]) for k in range(path.shape[1])], axis=1)
 
 
 def noisy_states(
@@ -51,7 +45,7 @@ def noisy_states(
     Returns:
         (count, n). A state that collides at every try is one of the path itself.
     """
-    points = resampled(path)
+    points = resampled(path, POINTS)
     found = np.zeros((count, path.shape[1]))
     left = np.arange(count)
     for _ in range(_TRIES):

@@ -91,6 +91,14 @@ class ProblemSolver:
         found = tree.best_path()
         return self._shortened(path if found is None else found, space)
 
+    def connected(
+        self, start: FloatArray, goal: FloatArray, rng: np.random.Generator, samples: int
+    ) -> FloatArray | None:
+        """A first path (m, n) between two free configurations (n,), or None."""
+        if self.is_edge_free(start, goal):
+            return np.array([start, goal])
+        return self._connect(self._space(start, goal, rng), rng, _budget(samples))
+
     def solve_whole(
         self, start: FloatArray, goal: FloatArray, rng: np.random.Generator, known: FloatArray | None
     ) -> FloatArray | None:
@@ -104,12 +112,11 @@ class ProblemSolver:
         Returns:
             (m, n), or None.
         """
-        if self.is_edge_free(start, goal):
-            return np.array([start, goal])
-        options, space = self._options, self._space(start, goal, rng)
-        best = self._connect(space, rng, _budget(options.whole_samples)) if known is None else known
-        if best is None:
-            return None
+        options = self._options
+        best = self.connected(start, goal, rng, options.whole_samples) if known is None else known
+        if best is None or is_shortest(best):
+            return best
+        space = self._space(start, goal, rng)
         best = self._shortened(best, space)
         for _ in range(options.restarts):
             space.bound[0] = path_length(best)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +19,8 @@ from bsp_informed_planner.experience.keypoint_examples import (
     RegressionExamples,
     RegressionObjective,
 )
+from bsp_informed_planner.experience.path_examples import PathExamples, PathObjective, tool_box
+from bsp_informed_planner.experience.provenance import robot_identity
 from bsp_informed_planner.experience.sampler_examples import (
     SamplerObjective,
     SceneSamplerExamples,
@@ -36,8 +38,13 @@ from bsp_informed_planner.networks.encoding import (
 )
 from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
 from bsp_informed_planner.networks.keypoint_regression import KeypointRegression
+from bsp_informed_planner.networks.path_chains import PathChains
+from bsp_informed_planner.networks.problem_view import ProblemView, ViewOptions
 from bsp_informed_planner.networks.registry import build_network
 from bsp_informed_planner.networks.segment_frame import CONDITION_SIZE
+from bsp_informed_planner.robots.point import PointRobot
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.path_proposals import KIND as PATH_CHAINS
 
 Network = TypeVar("Network", bound=nn.Module)
 #: Told how many problems of how many have been read.
@@ -52,6 +59,10 @@ BASIS_POINTS, BASIS_CAP = 256, 0.5
 SCENE_DIVERGENCE, SEGMENT_DIVERGENCE = 4e-4, 5e-4
 #: Standard deviation of noise on states that samplers are trained on, in unit coordinates: 0.02 to 0.03 remain.
 SCENE_SPREAD, SEGMENT_SPREAD = 0.03, 0.02
+#: Problems from which means and spreads of conditions are taken, and the least spread.
+_STATISTICS, _LEAST_SCALE = 10_000, 0.02
+#: End of the names of models that do not see the scene.
+WITHOUT_SCENE = "_without_scene"
 #: Standard deviation of noise on current keypoints of the regression.
 REGRESSION_NOISE = 0.01
 
@@ -218,10 +229,59 @@ def _segment_sampler(
     )
 
 
+def _path_chains(
+    model: TrainableModel, training: Experience, validation: Experience, seed: int, report: Report
+) -> Training:
+    robot = robot_of(training)
+    lower, upper = tool_box(training, robot)
+    options = ViewOptions(lower, upper, scene=not model.kind.endswith(WITHOUT_SCENE))
+    view = ProblemView(robot, options)
+    architecture = {
+        "condition_size": view.size,
+        "state_size": training.dof,
+        "heads": 16,
+        "waypoints": 12,
+        "hidden": 512,
+        "layers": 3,
+        "dropout": 0.1,
+    }
+    card = replace(_card(model, training, None, architecture, {}), kind=PATH_CHAINS, encoding=options.to_json())
+    network = _built(card, PathChains)
+    examples = PathExamples(training, view, network.output_shape[1], report)
+    statistics = examples.conditions[: 2 * _STATISTICS].astype(np.float64)
+    network.mean.copy_(torch.from_numpy(statistics.mean(axis=0)))
+    # What hardly changes is not blown up.
+    network.scale.copy_(torch.from_numpy(np.maximum(statistics.std(axis=0), _LEAST_SCALE)))
+    return Training(
+        network,
+        PathObjective(network, robot.motion_radii),
+        examples,
+        PathExamples(validation, view, network.output_shape[1], report),
+        card,
+    )
+
+
+def robot_of(experience: Experience) -> Robot:
+    """The robot that comes with the package and is the dataset's.
+
+    Raises:
+        DatasetMismatchError: if there is none.
+    """
+    found = experience.description.robot
+    if found.workspace_dimension == 2:
+        robot: Robot = PointRobot(found.lower, found.upper)
+    else:
+        from bsp_informed_planner.robots.demo_arms import ur5
+
+        robot = ur5()
+    experience.require_robot(robot_identity(robot))
+    return robot
+
+
 def _card(
     model: TrainableModel,
     training: Experience,
-    encoding: SceneEncoding,
+    encoding: SceneEncoding | None,
     architecture: Mapping[str, Any],
     inputs: Mapping[str, Any],
 ) -> ModelCard:
@@ -231,7 +291,7 @@ def _card(
         name=f"{description.family}_{model.kind}",
         kind=model.kind,
         architecture=architecture,
-        encoding=encoding_to_json(encoding),
+        encoding={} if encoding is None else encoding_to_json(encoding),
         robot=ModelRobot(robot.name, robot.joint_names, robot.workspace_dimension, robot.tool_frame),
         inputs=inputs,
         data={
@@ -280,6 +340,10 @@ _SAMPLER_OPTIONS = TrainingOptions(
     steps=6000, batch_size=256, learning_rate=1e-3, warmup=100, validate_every=200, patience=10
 )
 
+_PATH_OPTIONS = TrainingOptions(
+    steps=12000, batch_size=256, learning_rate=1e-3, weight_decay=0.02, warmup=200, validate_every=500
+)
+
 MODELS: dict[str, TrainableModel] = {
     model.kind: model
     for model in (
@@ -296,6 +360,20 @@ MODELS: dict[str, TrainableModel] = {
             TrainingOptions(steps=8000, batch_size=256, learning_rate=1e-3, validate_every=200, patience=10),
             _regression,
             (_ONLY_LIKE_ITS_DATA, "A regression puts keypoints between those of ways that are equally good."),
+        ),
+        TrainableModel(
+            PATH_CHAINS,
+            "whole chains for arms, several at once, which seed the planner's trees (the default)",
+            _PATH_OPTIONS,
+            _path_chains,
+            (_ONLY_LIKE_ITS_DATA,),
+        ),
+        TrainableModel(
+            PATH_CHAINS + WITHOUT_SCENE,
+            "the same without any look at the scene: a control, to tell what the scene is worth",
+            _PATH_OPTIONS,
+            _path_chains,
+            ("A control: it knows start and goal alone.",),
         ),
         TrainableModel(
             "segment_cvae",

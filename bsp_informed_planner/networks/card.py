@@ -11,6 +11,8 @@ from typing import Any
 from bsp_informed_planner.errors import ModelError, ModelMismatchError
 
 FORMAT = "bsp_informed_planner/model/1"
+#: Where the models that come with the package are.
+SHIPPED = Path(__file__).parent / "weights"
 
 
 @dataclass(frozen=True)

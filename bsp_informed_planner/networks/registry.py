@@ -11,11 +11,12 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from bsp_informed_planner.errors import BspPlannerError, ModelError
-from bsp_informed_planner.networks.card import ModelCard
+from bsp_informed_planner.networks.card import SHIPPED, ModelCard
 from bsp_informed_planner.networks.cvae import Cvae
 from bsp_informed_planner.networks.encoding import SceneEncoding, encoding_from_json
 from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
 from bsp_informed_planner.networks.keypoint_regression import KeypointRegression
+from bsp_informed_planner.networks.path_chains import PathChains
 from bsp_informed_planner.networks.runtime import limit_threads
 
 #: Classes of networks by the kind in their cards; architectures are their arguments.
@@ -25,10 +26,8 @@ KINDS: dict[str, type[nn.Module]] = {
     "segment_cvae": Cvae,
     "cvae": Cvae,
     "cvae_shortest_path": Cvae,
+    "path_chains": PathChains,
 }
-
-#: Where the weights that come with the package are.
-SHIPPED = Path(__file__).parent / "weights"
 
 
 @dataclass(frozen=True, eq=False)

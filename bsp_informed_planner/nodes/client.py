@@ -112,15 +112,16 @@ class SuiteClient:
         """
         message = scene_to_msg(scene)
         message.header.stamp = self._node.get_clock().now().to_msg()
-        stamp = _nanoseconds(message.header.stamp)
+        stamp, before = _nanoseconds(message.header.stamp), self._statuses
 
         def is_answered() -> bool:
             # A newer scene may have superseded this one, of another client's or its own.
-            return self._status is not None and _nanoseconds(self._status.header.stamp) >= stamp
+            status = self._status
+            return status is not None and self._statuses > before and _nanoseconds(status.header.stamp) >= stamp
 
         def graph_is_there() -> bool:
             graph = self.keypoint_graph
-            return graph is not None and (graph.scene_epoch, graph.scene_revision) == (self.epoch, revision)
+            return graph is not None and graph.scene_epoch == self.epoch and graph.scene_revision >= revision
 
         self.publish_message(message)
         if not self._spin_until(is_answered, seconds):

@@ -42,7 +42,7 @@ MARKER_PERIOD = 0.1
 def _superseding(dropped: tuple[Scene, Time], newer: tuple[Scene, Time]) -> tuple[Scene, Time]:
     """The newer scene with the later stamp of the two, so that who sent the dropped one learns that it has been taken.
 
-    Messages of different publishers come in any order, and many are not stamped at all.
+    Messages of different publishers come in any order.
     """
     stamp = max(dropped[1], newer[1], key=lambda stamp: (stamp.sec, stamp.nanosec))
     return newer[0], stamp
@@ -76,6 +76,8 @@ class DecompositionNode(PlannerSuiteNode):
         # Of each source whose last message was refused, the code and the reason.
         self._refusals: dict[str, tuple[ErrorCode, str]] = {}
         self._refused = 0
+        # Of the last message that had one: those without do not make a sender's stamp unheard of.
+        self._stamp = Time()
         self._received = Meter()
         self._decomposed = Meter()
         # Messages that both subscriptions below deliver, since their publisher is latched.
@@ -145,6 +147,7 @@ class DecompositionNode(PlannerSuiteNode):
     def _take(self, source: str, change: Callable[[], Scene], stamp: Time) -> None:
         """Make the next scene of a message, and hand it to the worker; or refuse it."""
         begin = time.monotonic()
+        self._stamp = stamp = stamp if stamp != Time() else self._stamp
         try:
             self.require_active()
             scene = change()

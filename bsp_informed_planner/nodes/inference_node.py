@@ -1,7 +1,7 @@
 """The inference node: serves keypoint chains, and samples around them.
 
-Until networks are trained there is one model, "bsp": exact keypoints of the decomposition, lifted to configurations by
-inverse kinematics, with a Gaussian tube around their chain.
+Its models are the guides of `sampling.guide`, by their sampler ids: exact keypoints, networks, and the baselines. Files
+of models are read when the node is configured, or when the robot becomes known, and never while a request waits.
 """
 
 from __future__ import annotations
@@ -15,20 +15,26 @@ import numpy as np
 from bsp_informed_planner_msgs.srv import EstimateKeypoints, SampleConfigurations
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
-from bsp_informed_planner.errors import BspPlannerError, InvalidOptionError, InvalidStateError, UnknownSamplerError
+from bsp_informed_planner.errors import (
+    BspPlannerError,
+    InvalidOptionError,
+    InvalidStateError,
+    KeypointsUnavailableError,
+    UnknownSamplerError,
+)
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
-from bsp_informed_planner.nodes.models import MODELS
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
+from bsp_informed_planner.nodes.served_models import ServedModels
 from bsp_informed_planner.nodes.world import WorldTracker
 from bsp_informed_planner.planning.validation import free_state
+from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
-from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
-from bsp_informed_planner.sampling.tube import tube_sampler
+from bsp_informed_planner.sampling.guide import EXACT, GUIDES
 from bsp_informed_planner.scene.pose import FloatArray
 
 logger = logging.getLogger(__name__)
@@ -41,7 +47,10 @@ MAX_GOALS = 1000
 class InferenceParameters(RobotParameters):
     """Parameters of the inference node."""
 
-    model: str = parameter("bsp", "Model that serves requests that name none.", choices=MODELS, live=True)
+    model: str = parameter(
+        EXACT, "Model, a sampler_id, that serves requests that name none.", choices=tuple(GUIDES), live=True
+    )
+    model_folder: str = parameter("", "Folder of learned models; empty: those that come with the package.")
     allow_empty_scene: bool = parameter(True, "Serve scenes without obstacles.", live=True)
     max_seconds: float = parameter(
         2.0, "Most time for the chains of one request [s].", minimum=0.01, maximum=60.0, live=True
@@ -62,8 +71,9 @@ class InferenceNode(PlannerSuiteNode):
         self._estimates = Meter()
         self._samples = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
-        self._on_parameters(self._settings)
-        self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
+        self._models = ServedModels(self._settings.model_folder or None)
+        self._models.require_sound()
+        self._robot_source = RobotSource(self, self._settings, self._on_robot, self.note_error)
         self.release_with(self._world.close)
         self.release_with(self._robot_source.close)
         # One request of a kind at a time, so that threads of the executor remain for the scene.
@@ -78,8 +88,11 @@ class InferenceNode(PlannerSuiteNode):
     def _settings(self) -> InferenceParameters:
         return self._parameter_set.values
 
+    def _on_robot(self, robot: Robot) -> None:
+        self._models.load(robot)
+        self._world.set_robot(robot)
+
     def _on_parameters(self, settings: InferenceParameters) -> None:
-        self._options = KeypointGuideOptions(sigma=settings.sigma)
         self._world.allow_empty_scene = settings.allow_empty_scene
 
     def diagnostic_values(self) -> dict[str, object]:
@@ -108,7 +121,7 @@ class InferenceNode(PlannerSuiteNode):
         self, request: EstimateKeypoints.Request, response: EstimateKeypoints.Response, deadline: float
     ) -> None:
         self.require_active()
-        response.model = self._model(request.model)
+        model = response.model = self._model(request.model)
         world = self._world.current(int(request.scene_epoch), int(request.scene_revision))
         response.scene_epoch, response.scene_revision = world.epoch, world.revision
         checker = world.planner.checker()
@@ -117,17 +130,25 @@ class InferenceNode(PlannerSuiteNode):
         if not 1 <= len(goals) <= MAX_GOALS:
             raise InvalidOptionError("goals", len(goals), f"1 to {MAX_GOALS}")
         goals = np.array([free_state(world.robot, checker, "goal", goal) for goal in goals])
-        guide = ExactKeypointGuide(world.robot, world.planner.decomposition, self._options)
-        chains = guide.chains(start, goals, checker, lambda: time.monotonic() > deadline)
-        chains = chains[: max(int(request.max_chains), 1)]
-        response.configurations = float64_field(np.concatenate([chain.configurations for chain in chains]))
-        response.joints = world.robot.dof
-        response.chain_offsets = uint32_field(np.cumsum([0] + [len(chain.configurations) for chain in chains]))
-        response.keypoints = [point_to_msg(point) for chain in chains for point in chain.keypoints]
-        response.error_code = int(ErrorCode.SUCCESS)
-        response.message = (
-            f"{len(chains)} chains of {', '.join(str(len(chain.keypoints) - 2) for chain in chains)} keypoints"
+        guidance = self._models.guides(world, KeypointGuideOptions(sigma=self._settings.sigma)).guide(
+            model, start, goals, checker, lambda: time.monotonic() > deadline
         )
+        if guidance.sampler_id == "uniform":
+            raise KeypointsUnavailableError(guidance.fallback_reason)
+        response.model = guidance.sampler_id
+        chains = [
+            (chain.configurations, chain.keypoints) for chain in guidance.chains[: max(int(request.max_chains), 1)]
+        ]
+        if not chains:
+            # A model without keypoints: the ends are all that its sampler needs to know.
+            ends = np.array((start, goals[int(np.argmin(np.linalg.norm(goals - start, axis=1)))]))
+            chains = [(ends, world.robot.reference_points(ends))]
+        response.configurations = float64_field(np.concatenate([configurations for configurations, _ in chains]))
+        response.joints = world.robot.dof
+        response.chain_offsets = uint32_field(np.cumsum([0] + [len(configurations) for configurations, _ in chains]))
+        response.keypoints = [point_to_msg(point) for _, points in chains for point in points]
+        response.error_code = int(ErrorCode.SUCCESS)
+        response.message = guidance.fallback_reason
 
     def _on_sample(
         self, request: SampleConfigurations.Request, response: SampleConfigurations.Response
@@ -156,8 +177,8 @@ class InferenceNode(PlannerSuiteNode):
                 "chain_offsets", offsets.tolist(), "offsets from 0 to the number of rows, two rows a chain at least"
             )
         chains = [configurations[begin:end] for begin, end in zip(offsets[:-1], offsets[1:], strict=True)]
-        guide = ExactKeypointGuide(robot, world.planner.decomposition, self._options)
-        sampler = tube_sampler(chains, guide.sigma, robot.lower, robot.upper)
+        options = KeypointGuideOptions(sigma=self._settings.sigma)
+        sampler = self._models.guides(world, options).get(response.model).sampler(chains)
         rng = np.random.default_rng(int(request.seed) or None)
         response.samples = float64_field(sampler.sample(rng, int(request.count)))
         response.joints = robot.dof
@@ -165,8 +186,8 @@ class InferenceNode(PlannerSuiteNode):
 
     def _model(self, name: str) -> str:
         name = name or self._settings.model
-        if name not in MODELS:
-            raise UnknownSamplerError(name, MODELS)
+        if name not in GUIDES:
+            raise UnknownSamplerError(name, tuple(GUIDES))
         return name
 
     def _rows(self, name: str, values: array[float], joints: int, dof: int) -> FloatArray:

@@ -156,7 +156,6 @@ def _options(request: PlanRequest, defaults: PlanOptions) -> PlanOptions:
         uniform_fraction=defaults.uniform_fraction if request.uniform_fraction < 0.0 else request.uniform_fraction,
         max_samples=int(request.max_samples) or defaults.max_samples,
         seed=int(request.seed) or None,
-        search_resolution=defaults.search_resolution,
         verification_resolution=defaults.verification_resolution,
         padding=request.padding or defaults.padding,
         velocity_scaling=request.max_velocity_scaling_factor or defaults.velocity_scaling,

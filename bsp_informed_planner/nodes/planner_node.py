@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
@@ -23,7 +24,6 @@ from bsp_informed_planner.nodes.failure_records import FailureRecords
 from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
-from bsp_informed_planner.nodes.models import MODELS
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
 from bsp_informed_planner.nodes.plan_conversions import (
     changes_from_msg,
@@ -39,10 +39,11 @@ from bsp_informed_planner.nodes.remote_guidance import InferenceUnavailableError
 from bsp_informed_planner.nodes.robot_source import RobotSource
 from bsp_informed_planner.nodes.world import World, WorldTracker
 from bsp_informed_planner.planning.planner import PreparedPlan
-from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanResult
+from bsp_informed_planner.planning.problem import PLANNER_IDS, PlanResult
 from bsp_informed_planner.planning.search import Progress
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.sampling.guide import EXACT, GUIDES, SAMPLER_IDS
 from bsp_informed_planner.visualization.markers import plan_markers
 
 logger = logging.getLogger(__name__)
@@ -151,7 +152,7 @@ class PlannerNode(PlannerSuiteNode):
         settings = self._settings
         response.planner_ids = first_of(settings.planner_id, PLANNER_IDS)
         response.sampler_ids = first_of(settings.sampler_id, SAMPLER_IDS)
-        response.models = list(MODELS)
+        response.models = list(GUIDES)
         response.default_planning_time, response.max_planning_time = (
             settings.allowed_planning_time,
             settings.max_seconds,
@@ -233,6 +234,8 @@ class PlannerNode(PlannerSuiteNode):
             world = world.changed(changes_from_msg(request))
             problem = problem_from_msg(request, world.robot, self._joints.recent())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
+            if not self._settings.use_inference:
+                world.planner.load_guide(options.sampler_id)
             plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
             # Guidance is asked for only if a short search without any finds no path.
             result = world.planner.solve(plan, lambda: self._guidance(world, plan, cancelled))
@@ -260,14 +263,18 @@ class PlannerNode(PlannerSuiteNode):
 
     def _guidance(self, world: World, plan: PreparedPlan, cancelled: Callable[[], bool]) -> Guidance:
         """From the inference node; else exact keypoints found here; else uniform. The answer says which and why."""
-        if plan.options.sampler_id == "uniform" or not self._settings.use_inference:
+        sampler_id = plan.options.sampler_id
+        if sampler_id == "uniform" or not self._settings.use_inference:
             return world.planner.guide(plan)
         if world.is_changed:
-            # The inference node does not know this scene.
-            return world.planner.guide(plan)
+            guidance = world.planner.guide(plan, EXACT)
+            if sampler_id == EXACT:
+                return guidance
+            return _with_reason(guidance, "the inference node does not know the scene with the request's changes")
         plan.search.report("guidance")
         try:
             return self._guide.guide(
+                sampler_id,
                 plan.start,
                 plan.goals,
                 world.epoch,
@@ -277,10 +284,13 @@ class PlannerNode(PlannerSuiteNode):
                 cancelled,
             )
         except InferenceUnavailableError as error:
-            local = world.planner.guide(plan)
-            reason = f"{error}; {local.fallback_reason or 'keypoints were found in the planner node'}"
-            self.get_logger().warning(reason)
-            return Guidance(local.sampler_id, local.chains, local.sampler, reason, local.seconds)
+            # Networks are the inference node's: loading them here would take longer than the plan.
+            local = world.planner.guide(plan, EXACT)
+            if not local.fallback_reason:
+                local = replace(local, fallback_reason="keypoints were found in the planner node")
+            guidance = _with_reason(local, str(error))
+            self.get_logger().warning(guidance.fallback_reason)
+            return guidance
 
     def _summary(self, result: PlanResult) -> str:
         seconds = result.statistics.total_seconds
@@ -306,6 +316,11 @@ class PlannerNode(PlannerSuiteNode):
             scene_epoch=self._world.epoch if world is None else world.epoch,
             scene_revision=self._world.revision if world is None else world.revision,
         )
+
+
+def _with_reason(guidance: Guidance, reason: str) -> Guidance:
+    """Guidance that is not what was asked for."""
+    return replace(guidance, fallback_reason="; ".join(filter(None, (reason, guidance.fallback_reason))))
 
 
 def main(args: list[str] | None = None) -> None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.robot_source import RobotParameters
-from bsp_informed_planner.planning.problem import PLANNER_IDS, SAMPLER_IDS, PlanOptions
+from bsp_informed_planner.planning.problem import PLANNER_IDS, PlanOptions
+from bsp_informed_planner.sampling.guide import EXACT, SAMPLER_IDS
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,7 @@ class PlannerParameters(RobotParameters):
     """Parameters of the planner node."""
 
     planner_id: str = parameter("anytime", "Planner of requests that name none.", choices=PLANNER_IDS, live=True)
-    sampler_id: str = parameter("keypoint_tube", "Sampler of requests that name none.", choices=SAMPLER_IDS, live=True)
+    sampler_id: str = parameter(EXACT, "Sampler of requests that name none.", choices=SAMPLER_IDS, live=True)
     allowed_planning_time: float = parameter(
         5.0, "Time of requests that give none [s].", minimum=0.01, maximum=600.0, live=True
     )
@@ -23,15 +24,13 @@ class PlannerParameters(RobotParameters):
         60.0, "Longest time that a request may ask for [s].", minimum=0.01, maximum=3600.0, live=True
     )
     uniform_fraction: float = parameter(0.5, "Share of uniform samples, lambda.", minimum=0.0, maximum=1.0, live=True)
-    search_resolution: float = parameter(
+    verification_resolution: float = parameter(
         0.0,
-        "While searching, no point of the robot moves further between two checks [m]; 0: the robot's default.",
+        "Where a path cannot be proved free, no point of the robot moves further between two states that are checked "
+        "[m]; 0: the robot's default.",
         minimum=0.0,
         maximum=1.0,
         live=True,
-    )
-    verification_resolution: float = parameter(
-        0.0, "The same for the path that is returned [m]; 0: the robot's default.", minimum=0.0, maximum=1.0, live=True
     )
     padding: float = parameter(0.0, "Distance kept from obstacles [m].", minimum=0.0, maximum=1.0, live=True)
     blend_deviation: float = parameter(
@@ -56,6 +55,9 @@ class PlannerParameters(RobotParameters):
     )
 
     publish_markers: bool = parameter(True, "Publish plan_markers for RViz and Foxglove.", live=True)
+    publish_trees: bool = parameter(
+        False, "Show the trees of the search in plan_markers too, for a look at hard problems.", live=True
+    )
     save_problem_on_failure: str = parameter(
         "", "Folder for a file of each plan that fails, which `bsp-planner plan FILE` repeats; empty: none is written."
     )
@@ -75,9 +77,9 @@ class PlannerParameters(RobotParameters):
             sampler_id=self.sampler_id,
             allowed_seconds=self.allowed_planning_time,
             uniform_fraction=self.uniform_fraction,
-            search_resolution=self.search_resolution or None,
             verification_resolution=self.verification_resolution or None,
             padding=self.padding,
             blend_deviation=None if self.blend_deviation < 0.0 else self.blend_deviation,
             time_step=self.trajectory_time_step,
+            keep_trees=self.publish_trees and self.publish_markers,
         )

@@ -18,11 +18,12 @@ from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
-from bsp_informed_planner.sampling.keypoint_guide import SAMPLER_ID
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: Configurations asked for at once.
 BATCH = 256
+#: Chains asked for.
+MAX_CHAINS = 16
 #: Pause before asking an inference node again that is behind with the scene [s].
 RETRY_SECONDS = 0.01
 
@@ -55,6 +56,7 @@ class RemoteGuide:
 
     def guide(
         self,
+        sampler_id: str,
         start: FloatArray,
         goals: FloatArray,
         epoch: int,
@@ -66,6 +68,7 @@ class RemoteGuide:
         """Chains and a sampler for one problem.
 
         Args:
+            sampler_id: asked for; the inference node may serve another one, and says why.
             start: (n,).
             goals: (k, n).
             epoch, revision: of the scene that the guidance must be for.
@@ -83,7 +86,8 @@ class RemoteGuide:
             start=float64_field(start),
             goals=float64_field(goals),
             joints=len(start),
-            max_chains=4,
+            max_chains=MAX_CHAINS,
+            model=sampler_id,
             seed=seed,
             scene_epoch=epoch,
             scene_revision=revision,
@@ -95,13 +99,16 @@ class RemoteGuide:
             joints=len(start),
             chain_offsets=uint32_field(offsets),
             count=BATCH,
+            model=answer.model,
             seed=seed,
             scene_epoch=epoch,
             scene_revision=revision,
         )
         first = _samples(self._call(self._sample, template, end, cancelled), len(start))
         sampler = RemoteSampler(self._sample, template, first)
-        return Guidance(SAMPLER_ID, chains, sampler, seconds=time.monotonic() - begin)
+        # A chain without keypoints is for the sampler alone: the straight line has been tried before.
+        chains = tuple(chain for chain in chains if len(chain.configurations) > 2)
+        return Guidance(answer.model, chains, sampler, answer.message, time.monotonic() - begin)
 
     def _call(self, client: Client, request: Any, end: float, cancelled: Callable[[], bool] | None) -> Any:
         """Wait for an answer: in a worker thread, while the executor's threads go on."""
@@ -230,6 +237,7 @@ class RemoteSampler:
             joints=self._template.joints,
             chain_offsets=self._template.chain_offsets,
             count=BATCH,
+            model=self._template.model,
             seed=seed,
             scene_epoch=self._template.scene_epoch,
             scene_revision=self._template.scene_revision,

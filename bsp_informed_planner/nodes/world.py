@@ -28,6 +28,7 @@ from bsp_informed_planner.nodes.graph_conversions import decomposition_from_msg
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg
+from bsp_informed_planner.ompl_workers.process import OmplWorkers
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.diff import SceneDiff, apply
@@ -76,7 +77,13 @@ class World:
         if not (diff.operations or diff.attachments or diff.permissions):
             return self
         scene = replace(apply(self.scene, diff), revision=self.revision)
-        return World(Planner(self.robot, scene, decomposition=self.planner.decomposition), self.epoch, True)
+        planner = Planner(
+            self.robot,
+            scene,
+            decomposition=self.planner.decomposition,
+            ompl_workers=self.planner.ompl_workers,
+        )
+        return World(planner, self.epoch, True)
 
 
 class WorldTracker:
@@ -95,6 +102,7 @@ class WorldTracker:
         self.allow_empty_scene = allow_empty_scene
         self._lock = threading.Condition()
         self._robot: Robot | None = None
+        self._ompl_workers: OmplWorkers | None = None
         self._status: SceneStatus | None = None
         # With their epochs, in whatever order the topics deliver them.
         self._scene: tuple[int, Scene] | None = None
@@ -121,6 +129,7 @@ class WorldTracker:
         """Plan for this robot from now on."""
         with self._lock:
             self._robot = robot
+            self._ompl_workers = OmplWorkers(robot)
             self._world = None
 
     @property
@@ -187,13 +196,13 @@ class WorldTracker:
                 raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
             if self._world is not None:
                 return self._world
-            epoch, decomposition = self.epoch, None
+            epoch, workers, decomposition = self.epoch, self._ompl_workers, None
             if self._decomposition is not None and self._decomposition[0] == epoch:
                 decomposition = self._decomposition[1]
             if decomposition is not None and decomposition.scene_revision != scene.revision:
                 decomposition = None
         # Outside of the lock: a large scene takes a while, in which the subscriptions must go on.
-        world = World(Planner(robot, scene, decomposition=decomposition), epoch)
+        world = World(Planner(robot, scene, decomposition=decomposition, ompl_workers=workers), epoch)
         with self._lock:
             if self._scene is not None and self._scene[1] is scene and self.epoch == epoch and self._robot is robot:
                 self._world = world

@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO
 
-from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.errors import MissingPackageError, PlannerProcessError, PlanningCancelledError
 from bsp_informed_planner.ompl_workers.request import (
     CheckerFactory,
@@ -52,6 +52,11 @@ CLOSE_SECONDS = 0.5
 MOST_SEARCHES = 500
 
 
+def bounded_checker(robot: Robot, scene: Scene, resolution: float, padding: float) -> BoundedChecker:
+    """The checker that our own planners search with, and whose proofs go down to intervals of `resolution` [m]."""
+    return BoundedChecker(robot, scene, padding, resolution)
+
+
 def require_ompl(planner_id: str) -> None:
     """
     Raises:
@@ -70,6 +75,10 @@ class OmplProcess:
     Args:
         robot: can be pickled.
         make_checker: what edges are checked by; found by its name in the worker.
+
+    Attributes:
+        scene: that it has been told of last.
+        searches: how many it has been given.
     """
 
     def __init__(self, robot: Robot, make_checker: CheckerFactory) -> None:
@@ -89,7 +98,7 @@ class OmplProcess:
             )
         finally:
             theirs.close()
-        self._scene: Scene | None = None
+        self.scene: Scene | None = None
         self._is_ready = False
         self.searches = 0
         # If it has died already, the first search will say so.
@@ -134,9 +143,9 @@ class OmplProcess:
                 if message is None:
                     return None
                 self._is_ready = isinstance(message, Ready)
-            if self._scene is not scene:
+            if self.scene is not scene:
                 self._connection.send(UseScene(scene))
-                self._scene = scene
+                self.scene = scene
             self._connection.send(request)
             self.searches += 1
             while True:
@@ -226,14 +235,14 @@ class OmplProcess:
 class OmplWorkers:
     """Worker processes for one robot: started when first needed, kept while this lives, as many as searches at once.
 
-    Thread-safe.
+    Planners of all scenes of a robot may share it: a worker is told of a scene when it changes. Thread-safe.
 
     Args:
-        robot: can be pickled.
-        make_checker: what edges are checked by; the same for all planners that are compared.
+        robot: without what it holds in a scene; can be pickled.
+        make_checker: what edges are checked by.
     """
 
-    def __init__(self, robot: Robot, make_checker: CheckerFactory = ExactChecker) -> None:
+    def __init__(self, robot: Robot, make_checker: CheckerFactory = bounded_checker) -> None:
         self._robot = robot
         self._make_checker = make_checker
         self._lock = threading.Lock()
@@ -247,7 +256,7 @@ class OmplWorkers:
         Raises:
             MissingPackageError: if OMPL is not installed.
         """
-        self._give_back(self._take("ompl"))
+        self._give_back(self._take("ompl", None))
 
     def solve(
         self,
@@ -261,7 +270,7 @@ class OmplWorkers:
         Raises:
             MissingPackageError: if OMPL is not installed.
         """
-        process = self._take(request.planner_id)
+        process = self._take(request.planner_id, scene)
         try:
             return process.solve(scene, request, cancelled, on_path)
         finally:
@@ -280,9 +289,11 @@ class OmplWorkers:
         with self._lock:
             return tuple(process.pid for process in self._idle)
 
-    def _take(self, planner_id: str) -> OmplProcess:
+    def _take(self, planner_id: str, scene: Scene | None) -> OmplProcess:
+        """One that waits, at best one that knows the scene, or a new one."""
         require_ompl(planner_id)
         with self._lock:
+            self._idle.sort(key=lambda process: process.scene is scene)
             while self._idle:
                 process = self._idle.pop()
                 if process.is_alive:

@@ -15,7 +15,13 @@ class CheckerFactory(Protocol):
     """Makes the collision checker of a search. A class, or a function of a module, so that other processes find it."""
 
     def __call__(self, robot: Robot, scene: Scene, resolution: float, padding: float) -> CollisionChecker:
-        """Args: see `ExactChecker`."""
+        """
+        Args:
+            robot, scene: as usual.
+            resolution: no point of the robot moves further between two states of an edge that are checked, where it is
+                not proved free as a whole [m].
+            padding: distance to keep from obstacles [m].
+        """
         ...
 
 
@@ -28,7 +34,7 @@ class OmplRequest:
         start: (n,) free.
         goals: (k, n) free, the nearest first.
         lower, upper: (n,) the box that is searched [rad or m].
-        padding, resolution: of the checker [m].
+        padding, resolution: of the checker, as its factory takes them [m].
         deadline: when to stop, by `time.monotonic`, which all processes of a machine share [s].
         seed: of OMPL's random numbers.
         max_step: longest edge of a tree [rad or m]; None: OMPL's own choice.

@@ -12,6 +12,8 @@ import sys
 from multiprocessing.connection import Connection
 from typing import Any
 
+import numpy as np
+
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.ompl_workers.planners import OmplSearch, silence
 from bsp_informed_planner.ompl_workers.request import (
@@ -25,12 +27,14 @@ from bsp_informed_planner.ompl_workers.request import (
     UseScene,
 )
 from bsp_informed_planner.robots.robot import Robot
-from bsp_informed_planner.scene.scene import Scene
+from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
 
 logger = logging.getLogger(__name__)
 
 #: Checkers of different paddings and resolutions that are kept.
 MAX_CHECKERS = 8
+#: Of the edge that is checked before the worker is ready [m].
+WARM_UP_RESOLUTION = 1e-3
 
 
 class Worker:
@@ -55,6 +59,9 @@ class Worker:
         Raises:
             EOFError, OSError: when it does.
         """
+        # What fails here is told by the first search.
+        with contextlib.suppress(Exception):
+            self._get_ready()
         self._connection.send(Ready())
         while True:
             message = self._connection.recv()
@@ -63,6 +70,13 @@ class Worker:
             elif isinstance(message, OmplRequest):
                 self._answer(message)
             # A request to stop that came too late stops nothing.
+
+    def _get_ready(self) -> None:
+        """Load what the first check of an edge would load."""
+        nothing = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), self._robot.root_frame)
+        lower, upper = np.asarray(self._robot.lower), np.asarray(self._robot.upper)
+        checker = self._make_checker(self._robot, nothing, WARM_UP_RESOLUTION, 0.0)
+        checker.is_edge_free(0.5 * (lower + upper), 0.51 * lower + 0.49 * upper)
 
     def _answer(self, request: OmplRequest) -> None:
         try:

@@ -20,7 +20,7 @@ __all__ = ["JointGoal", "PlanOptions", "PlanResult", "Planner", "PlanningProblem
 
 
 def __getattr__(name: str) -> object:
-    # Not before they are asked for: the planner loads toppra, and that matplotlib, which takes longer than the rest.
+    # Not before they are asked for: the planner loads compiled code and Pinocchio.
     if name not in __all__:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     return getattr(importlib.import_module(f"{__name__}.{'planner' if name == 'Planner' else 'problem'}"), name)

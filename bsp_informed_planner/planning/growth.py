@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import PlanningProblem, PlanOptions
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
@@ -17,19 +17,6 @@ from bsp_informed_planner.planning.search import sampling_bounds
 from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.sampling.sampler import ClippedSampler
 from bsp_informed_planner.scene.pose import FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class GrownTree:
-    """A tree as it has grown.
-
-    Attributes:
-        nodes: (m, n) configurations, in the order in which they were added.
-        parents: (m,) indices of earlier nodes, -1 for roots.
-    """
-
-    nodes: FloatArray
-    parents: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,4 +66,4 @@ def record_growth(
     trees = RrtConnect(judge.verdicts, space, plan.search.max_step)
     trees.seed([chain.configurations for chain in guidance.chains])
     path = trees.solve(source, plan.budget, ask=ASK_ALL, judge=judge.is_edge_free)
-    return Growth(GrownTree(*trees.start_tree()), GrownTree(*trees.goal_tree()), path, plan.budget.samples)
+    return Growth(trees.start_tree(), trees.goal_tree(), path, plan.budget.samples)

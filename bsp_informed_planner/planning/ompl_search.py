@@ -18,8 +18,6 @@ from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
-#: A planner whose paths cannot be verified searches again at states this much closer to each other.
-REFINEMENT = 0.25
 #: These take steps of the same length as our planners; OMPL's own choice, a fifth of the diagonal of the box, makes
 #: them slower with an arm. For its others it is no worse.
 STEPS_LIKE_OURS = ("ompl_rrt_connect", "ompl_aorrtc")
@@ -75,7 +73,6 @@ class OmplPathSearch:
             self._take(np.array([start, nearest]), last)
             return self._search.incumbent.path
         lower, upper = sampling_bounds(self._robot, start, goals)
-        resolution = self._search.search_resolution
         while self._search.incumbent.path is None and not self._budget.is_out_of_time():
             request = OmplRequest(
                 planner_id=self._options.planner_id,
@@ -84,7 +81,7 @@ class OmplPathSearch:
                 lower=lower,
                 upper=upper,
                 padding=self._options.padding,
-                resolution=resolution,
+                resolution=self._search.verification_resolution,
                 deadline=time.monotonic() + self._budget.remaining,
                 seed=int(self._rng.integers(2**32)),
                 max_step=self._max_step(),
@@ -94,8 +91,6 @@ class OmplPathSearch:
             counts = self._workers.solve(self._scene, request, self._is_cancelled, lambda path: self._take(path, last))
             if counts is not None:
                 self._budget.charge(0, 0, counts.edges)
-            # What the coarse check let through would come back.
-            resolution *= REFINEMENT
         return self._search.incumbent.path
 
     def _max_step(self) -> float | None:

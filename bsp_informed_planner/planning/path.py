@@ -29,6 +29,24 @@ def without_repeats(path: FloatArray, tolerance: float = 1e-7) -> FloatArray:
     return np.asarray(kept)
 
 
+def without_straight_points(path: FloatArray, tolerance: float = 1e-7) -> FloatArray:
+    """The path (m, n) without the points on its straight lines, all nearer to these than the tolerance [rad or m].
+
+    By default no point of a robot moves further than some tenths of a micrometre for that, far less than the margins
+    of collision checks.
+    """
+    steps = np.diff(path, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if len(path) < 3 or not lengths.all():
+        return path
+    directions = steps / lengths[:, None]
+    turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)
+    keep = np.ones(len(path), dtype=bool)
+    # However many turns a line hides, and wherever.
+    keep[1:-1] = turns * lengths.sum() * len(path) > tolerance
+    return np.asarray(path[keep])
+
+
 def interpolate(path: FloatArray, step: float, weights: FloatArray | None = None) -> FloatArray:
     """States along a path, no two neighbours further apart than `step` in joint space; all waypoints are among them."""
     states = [path[:1]]

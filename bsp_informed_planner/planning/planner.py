@@ -19,7 +19,6 @@ from bsp_informed_planner.decomposition.decomposition import Decomposition, deco
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import (
     InvalidOptionError,
-    KeypointsUnavailableError,
     PlanningFailedError,
     PlanningTimeoutError,
     RobotDescriptionError,
@@ -31,10 +30,10 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.ompl_workers.process import OmplWorkers, require_ompl
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.ompl_search import OmplPathSearch
+from bsp_informed_planner.planning.path import without_straight_points
 from bsp_informed_planner.planning.problem import (
     OMPL_PLANNER_IDS,
     PLANNER_IDS,
-    SAMPLER_IDS,
     CostHistory,
     PlanningProblem,
     PlanOptions,
@@ -42,7 +41,7 @@ from bsp_informed_planner.planning.problem import (
     PlanStatistics,
     Trajectory,
     default_blend_deviation,
-    default_search_resolution,
+    default_verification_resolution,
 )
 from bsp_informed_planner.planning.rrt_star import require_room
 from bsp_informed_planner.planning.search import Progress, Search
@@ -50,7 +49,8 @@ from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.planning.validation import free_state, goal_configurations
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
-from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
+from bsp_informed_planner.sampling.guide import EXACT, SAMPLER_IDS, GuideSetting
+from bsp_informed_planner.sampling.scene_guides import UNAVAILABLE, SceneGuides
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
@@ -114,6 +114,7 @@ class Planner:
         scene: what to keep clear of, in the robot's root frame.
         decomposition: of this scene; None: made when first needed.
         guide_options: how keypoints are lifted to configurations.
+        models: folder of learned models; None: those that come with the package.
         decomposition_options: used when the decomposition is made here; None: of the robot's workspace dimension.
         ompl_workers: processes for OMPL's planners, of this robot, which planners of other scenes may share; None: of
             its own, started when first needed.
@@ -138,6 +139,7 @@ class Planner:
         *,
         decomposition: Decomposition | None = None,
         guide_options: KeypointGuideOptions | None = None,
+        models: str | None = None,
         decomposition_options: DecompositionOptions | None = None,
         ompl_workers: OmplWorkers | None = None,
     ) -> None:
@@ -156,13 +158,15 @@ class Planner:
         self.scene = scene
         self._decomposition = decomposition
         self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
-        self._guide_options = guide_options
+        options = guide_options or KeypointGuideOptions()
+        self._guides = SceneGuides(GuideSetting(self.robot, scene, lambda: self.decomposition, options, models))
         self.ompl_workers = ompl_workers or OmplWorkers(robot)
         self._lock = threading.Lock()
-        self._finest = default_search_resolution(self.robot) / 96.0
-        # By padding and resolution: judges to make others from, and others that no plan uses at the moment.
-        self._judges = {(0.0, self._finest): BoundedChecker(self.robot, scene, finest=self._finest)}
-        self._idle: dict[tuple[float, float], list[BoundedChecker]] = {}
+        self._finest = default_verification_resolution(self.robot)
+        # By padding and resolution: judges to make others from, and those that no plan uses at the moment.
+        first = BoundedChecker(self.robot, scene, finest=self._finest)
+        self._judges = {(0.0, self._finest): first}
+        self._idle: dict[tuple[float, float], list[BoundedChecker]] = {(0.0, self._finest): [first]}
 
     @property
     def decomposition(self) -> Decomposition:
@@ -174,6 +178,22 @@ class Planner:
         if self._decomposition is None:
             self._decomposition = decompose(self.scene, self._decomposition_options)
         return self._decomposition
+
+    def get_ready(self, threads: int = 1) -> None:
+        """Make what the first plan would make and all later ones use: some milliseconds that need not be a plan's.
+
+        That is the last check, for a plan without padding; not the decomposition.
+
+        Args:
+            threads: of the plan.
+        """
+        judges = tuple(self._judge(0.0, self._finest) for _ in range(threads))
+        middle = 0.5 * (np.asarray(self.robot.lower) + np.asarray(self.robot.upper))
+        for judge in judges:
+            judge.verdicts.of_states(middle[None])
+            judge.judge.touches(middle)
+            judge.certifier.get_ready()
+        self._return_judges((0.0, self._finest), judges)
 
     def checker(self, padding: float = 0.0) -> ExactChecker:
         """An exact collision checker of its own for the caller. `padding`: distance to keep from obstacles [m]."""
@@ -203,12 +223,11 @@ class Planner:
                 return idle.pop()
         return self.judge(padding, finest)
 
-    def _release(self, plan: PreparedPlan) -> None:
-        key = (plan.options.padding, plan.search.verification_resolution)
+    def _return_judges(self, key: tuple[float, float], judges: tuple[BoundedChecker, ...]) -> None:
         with self._lock:
             if len(self._idle) >= MAX_JUDGES:
                 self._idle.clear()
-            self._idle[key] = [*self._idle.get(key, []), *plan.judges][:MAX_JUDGES]
+            self._idle[key] = [*self._idle.get(key, []), *judges][:MAX_JUDGES]
 
     def plan(
         self,
@@ -236,6 +255,9 @@ class Planner:
             PlanningCancelledError: the caller has cancelled.
             MissingPackageError, PlannerProcessError: OMPL is not installed, or its process failed.
         """
+        options = options or PlanOptions()
+        if guidance is None and options.sampler_id in SAMPLER_IDS:
+            self.load_guide(options.sampler_id)
         plan = self.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
         return self.solve(plan, (lambda: self.guide(plan)) if guidance is None else guidance)
 
@@ -276,24 +298,37 @@ class Planner:
         judges = tuple(self._judge(options.padding, search.verification_resolution) for _ in range(options.threads))
         before = sum(judge.checks for judge in judges)
         start = free_state(self.robot, judges[0], "start", problem.start)
-        goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals)
+        goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals, budget.check_cancelled)
         return PreparedPlan(start, goals, options, seed, judges, before, budget, search)
 
-    def guide(self, plan: PreparedPlan) -> Guidance:
-        """Guidance as the plan's options ask for, or uniform with the reason why not."""
-        if plan.options.sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
+    def load_guide(self, sampler_id: str) -> None:
+        """Load the models of a sampler id, which takes seconds for the first network of a process.
+
+        `plan` does it before its time begins. What is missing is not said here but by the plan.
+        """
+        if sampler_id in ("uniform", EXACT):
+            return
+        try:
+            self._guides.get(sampler_id)
+        except UNAVAILABLE as error:
+            logger.info("%s: %s", sampler_id, error)
+
+    def guide(self, plan: PreparedPlan, sampler_id: str | None = None) -> Guidance:
+        """Guidance for a plan, with the reason if it is not what was asked for.
+
+        Args:
+            plan: a prepared one.
+            sampler_id: None: as the plan's options ask for.
+        """
+        sampler_id = sampler_id or plan.options.sampler_id
+        if sampler_id == "uniform" or plan.options.uniform_fraction == 1.0:
             return Guidance("uniform")
         if plan.options.planner_id in OMPL_PLANNER_IDS:
             return Guidance("uniform", fallback_reason="OMPL's planners take no samples but their own")
         plan.search.report("guidance")
-        try:
-            guide = ExactKeypointGuide(self.robot, self.decomposition, self._guide_options)
-            # Half of the time at most: without a chain, the other half is still there to search uniformly.
-            half = plan.budget.part(0.5 * plan.budget.remaining)
-            return guide.guide(plan.start, plan.goals, plan.judges[0], half.is_out_of_time)
-        except KeypointsUnavailableError as error:
-            logger.info("no keypoints: %s; sampling uniformly", error.reason)
-            return Guidance("uniform", fallback_reason=f"no keypoints: {error.reason}")
+        # Half of the time at most: without a chain, the other half is still there to search uniformly.
+        half = plan.budget.part(0.5 * plan.budget.remaining)
+        return self._guides.guide(sampler_id, plan.start, plan.goals, plan.judges[0], half.is_out_of_time)
 
     def solve(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         """The last part of `plan`: search, verification, timing. A prepared plan is solved once.
@@ -308,7 +343,7 @@ class Planner:
         try:
             return self._solved(plan, guidance)
         finally:
-            self._release(plan)
+            self._return_judges((plan.options.padding, plan.search.verification_resolution), plan.judges)
 
     def _solved(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         options, budget, search = plan.options, plan.budget, plan.search
@@ -332,6 +367,7 @@ class Planner:
         search.report("timing")
         trajectory, verdict = self._timed(path, plan.judges[0], plan)
         search.report("done")
+        self._guides.learn(options.sampler_id, path)
         return PlanResult(
             path=path,
             trajectory=trajectory,
@@ -343,6 +379,7 @@ class Planner:
             verification_resolution=search.verification_resolution,
             scene_revision=self.scene.revision,
             statistics=self._statistics(plan, used),
+            trees=search.trees,
         )
 
     def _ompl_path(self, plan: PreparedPlan) -> FloatArray | None:
@@ -376,7 +413,8 @@ class Planner:
                 deviation=allowed,
                 time_step=options.time_step,
             )
-            verdict = judge.verdict(trajectory.positions, not_cancelled)
+            # Points on a line make one edge: the sooner it is judged.
+            verdict = judge.verdict(without_straight_points(trajectory.positions), not_cancelled)
             if verdict is Verdict.CERTIFIED:
                 return trajectory, verdict
             if verdict is Verdict.CHECKED and fallback is None:

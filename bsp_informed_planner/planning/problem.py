@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.sampling.guide import EXACT
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 
 
@@ -57,7 +59,6 @@ OMPL_PLANNER_IDS = (
     "ompl_aorrtc",
 )
 PLANNER_IDS = ("anytime", "rrt_connect", "rrt_star", "rrt", *OMPL_PLANNER_IDS)
-SAMPLER_IDS = ("keypoint_tube", "uniform")
 
 
 @dataclass(frozen=True)
@@ -69,21 +70,22 @@ class PlanOptions:
             time is over; "rrt_connect": the same without RRT*; "rrt_star", "rrt": these alone, as in the paper.
             "ompl_...": OMPL's planners, which draw their own samples, with the same collision checks, last check and
             timing; they have no `max_samples`.
-        sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform".
+        sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform"; "learned": keypoints
+            and samples by networks (Algorithm 3); "cvae_shortest_path", "gmm": the paper's baselines, which have no
+            keypoints. Without a model for the robot, keypoints are exact, and the result says why.
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
+        head_start: uniform search before guidance is asked for, as a number of edges to check; None: about as much as
+            takes a millisecond, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
             same for the same seed, on any machine: "rrt_connect", or with `first_solution` or `max_samples`.
         max_step: longest edge of a tree, eta; None: 5 % of the diagonal of the joint limits, or OMPL's own choice for
             "ompl_rrt_star" and "ompl_informed_rrt_star" [rad or m]. "ompl_bit_star" has none.
-        search_resolution: where a planner searches with discrete checks (OMPL's), no point of the robot moves further
-            than this between two of them [m]; None: 0.03 m, or 0.3 % of the diagonal of its space for a robot that only
-            slides.
         verification_resolution: where the path that is returned cannot be proved free, since bodies are almost in
             touch, it is checked at states between which no point of the robot moves further than this [m]; None:
-            a 96th of the default above.
+            0.3 mm, or 0.003 % of the diagonal of its space for a robot that only slides.
         padding: distance to keep from obstacles [m].
         velocity_scaling, acceleration_scaling: fractions of the robot's limits to use, in [0.01, 1].
         blend_deviation: how far the timed path may leave the corners of the planned one [rad or m]; where that is not
@@ -94,18 +96,19 @@ class PlanOptions:
         cost_weights: (n,) of the joints in lengths, and so in the cost and in `max_step`; None: 1 each.
         threads: 2: two threads search for one plan, each with samples of its own; the best path wins. Which one that is
             may then depend on timing. It pays where cores are idle.
+        keep_trees: keep the trees of the search in the result, to look at.
         ompl_simplify: whether OMPL's simplification shortens what "ompl_rrt_connect" finds.
     """
 
     planner_id: str = "anytime"
-    sampler_id: str = "keypoint_tube"
+    sampler_id: str = EXACT
     allowed_seconds: float = 5.0
     first_solution: bool = False
+    head_start: int | None = None
     uniform_fraction: float = 0.5
     max_samples: int | None = None
     seed: int | None = None
     max_step: float | None = None
-    search_resolution: float | None = None
     verification_resolution: float | None = None
     padding: float = 0.0
     velocity_scaling: float = 1.0
@@ -115,6 +118,7 @@ class PlanOptions:
     max_goals: int = 16
     cost_weights: tuple[float, ...] | None = None
     threads: int = 1
+    keep_trees: bool = False
     ompl_simplify: bool = True
 
     def __post_init__(self) -> None:
@@ -139,16 +143,17 @@ class PlanOptions:
         require("threads", self.threads in (1, 2), "1 or 2")
         weights = () if self.cost_weights is None else self.cost_weights
         require("cost_weights", all(np.isfinite(w) and w > 0.0 for w in weights), "positive numbers, one a joint")
+        require("head_start", self.head_start is None or self.head_start >= 0, "0 or more, or none for the default")
         require("max_goals", self.max_goals >= 1, "at least 1")
         require("seed", self.seed is None or self.seed >= 0, "0 or more")
-        for name in ("max_step", "search_resolution", "verification_resolution"):
+        for name in ("max_step", "verification_resolution"):
             if getattr(self, name) is not None:
                 positive(name)
 
 
-def default_search_resolution(robot: Robot) -> float:
-    """How far a point of the robot may move between states checked while searching, by default [m]."""
-    return 0.03 if robot.revolute.any() else 0.003 * float(np.linalg.norm(robot.upper - robot.lower))
+def default_verification_resolution(robot: Robot) -> float:
+    """How far a point of the robot may move between states of a path that cannot be proved free, by default [m]."""
+    return 3e-4 if robot.revolute.any() else 3e-5 * float(np.linalg.norm(robot.upper - robot.lower))
 
 
 def default_blend_deviation(robot: Robot) -> float:
@@ -221,6 +226,7 @@ class PlanResult:
         guidance: what guided the search.
         verification_resolution: see PlanOptions [m].
         scene_revision: of the scene it was verified against.
+        trees: of the search, if they were to be kept; OMPL's planners tell of none.
     """
 
     path: FloatArray
@@ -233,6 +239,7 @@ class PlanResult:
     verification_resolution: float
     scene_revision: int
     statistics: PlanStatistics = field(default_factory=lambda: PlanStatistics(seed=0))
+    trees: tuple[GrownTree, ...] = ()
 
     def __repr__(self) -> str:
         proof = "certified" if self.certified else "checked"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from bsp_informed_planner.collision.verdicts import Verdicts
-from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
+from bsp_informed_planner.decomposition.array_types import Flags, Floats
 from bsp_informed_planner.planning.budget import Budget, Chunks, never
 from bsp_informed_planner.planning.connect_kernels import (
     CHAIN,
@@ -23,6 +23,7 @@ from bsp_informed_planner.planning.connect_kernels import (
     Trees,
     connect,
 )
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.question_kernels import (
     ASK_NONE,
     ASKED,
@@ -38,9 +39,9 @@ from bsp_informed_planner.planning.tree import (
     add,
     clear_tree,
     enlarged,
+    grown,
     new_questions,
     new_tree,
-    nodes_and_parents,
     path_to_root,
 )
 
@@ -79,13 +80,13 @@ class RrtConnect:
         )
         self.restart()
 
-    def start_tree(self) -> tuple[Floats, Indices]:
-        """Copies of the nodes (m, n) of the tree from the start, and of their parents (m,), -1 for the root."""
-        return nodes_and_parents(self._trees.start)
+    def start_tree(self) -> GrownTree:
+        """A copy of the tree from the start, as of the last restart."""
+        return grown(self._trees.start)
 
-    def goal_tree(self) -> tuple[Floats, Indices]:
-        """The same of the tree from the goals."""
-        return nodes_and_parents(self._trees.goal)
+    def goal_tree(self) -> GrownTree:
+        """A copy of the tree from the goals."""
+        return grown(self._trees.goal)
 
     @property
     def nodes(self) -> int:

@@ -11,6 +11,7 @@ from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.decomposition.array_types import Flags, Floats
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.planning.budget import Budget, Chunks
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.path import interpolate
 from bsp_informed_planner.planning.question_kernels import (
     ASK_NONE,
@@ -31,6 +32,7 @@ from bsp_informed_planner.planning.tree import (
     add,
     clear_tree,
     enlarged,
+    grown,
     max_nodes,
     new_questions,
     new_tree,
@@ -101,6 +103,10 @@ class RrtStar:
     def nodes(self) -> int:
         """How many nodes the tree has."""
         return int(self._star.tree.size[0])
+
+    def tree(self) -> GrownTree:
+        """A copy of the tree."""
+        return grown(self._star.tree)
 
     @property
     def best_cost(self) -> float:

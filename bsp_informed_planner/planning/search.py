@@ -11,10 +11,11 @@ import numpy as np
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
-from bsp_informed_planner.planning.problem import PlanOptions, default_search_resolution
-from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, Problem, Worker
+from bsp_informed_planner.planning.problem import PlanOptions, default_verification_resolution
+from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, HEAD_START, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.scene.pose import FloatArray
@@ -73,10 +74,11 @@ class Search:
         budget: as given.
         incumbent: the best path so far, and the history of its cost.
         max_step: longest edge of a tree [rad or m].
-        search_resolution, verification_resolution: see `PlanOptions` [m].
+        verification_resolution: see `PlanOptions` [m].
         first_solution_seconds: when there was a first verified path; 0: there is none [s].
         verification_seconds: time spent on verifying paths from elsewhere [s].
         nodes: of all trees.
+        trees: copies of them, if `PlanOptions.keep_trees`.
     """
 
     def __init__(
@@ -97,12 +99,11 @@ class Search:
         self.incumbent = Incumbent(lambda: budget.elapsed, weights)
         diagonal = float(np.linalg.norm((robot.upper - robot.lower) * weights))
         self.max_step = options.max_step or DEFAULT_STEP * diagonal
-        default = default_search_resolution(robot)
-        self.search_resolution = options.search_resolution or default
-        self.verification_resolution = options.verification_resolution or default / 96.0
+        self.verification_resolution = options.verification_resolution or default_verification_resolution(robot)
         self.first_solution_seconds = 0.0
         self.verification_seconds = 0.0
         self.nodes = 0
+        self.trees: tuple[GrownTree, ...] = ()
         self._guidance: Guidance | None = None
 
     def report(self, phase: str) -> None:
@@ -159,7 +160,9 @@ class Search:
             return self.incumbent.path
         limits = (np.asarray(self._robot.lower), np.asarray(self._robot.upper))
         box = sampling_bounds(self._robot, start, goals)
-        problem = Problem(start, goals, box, limits, self.max_step, self._options.uniform_fraction)
+        options = self._options
+        head_start = HEAD_START if options.head_start is None else options.head_start
+        problem = Problem(start, goals, box, limits, self.max_step, options.uniform_fraction, head_start)
         seeds = self._seeds.spawn(len(judges))
         workers = [
             Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent)
@@ -172,6 +175,8 @@ class Search:
         else:
             self._anytime(workers, guidance)
         self.nodes = sum(worker.nodes for worker in workers)
+        if options.keep_trees:
+            self.trees = tuple(tree for worker in workers for tree in worker.trees)
         return self.incumbent.path
 
     def _anytime(self, workers: list[Worker], guidance: Guidance | Callable[[], Guidance]) -> None:
@@ -212,8 +217,11 @@ class Search:
 
     def _guided(self, guidance: Guidance | Callable[[], Guidance]) -> Guidance:
         """The guidance; made when first asked for, by the first worker."""
-        if self._guidance is None:
-            self._guidance = guidance if isinstance(guidance, Guidance) else guidance()
+        if self._guidance is None and isinstance(guidance, Guidance):
+            self._guidance = guidance
+        elif self._guidance is None:
+            self._guidance = guidance()
+            self.report("searching" if self.incumbent.path is None else "improving")
         return self._guidance
 
     def _on_better(self) -> None:

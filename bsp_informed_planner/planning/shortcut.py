@@ -12,7 +12,7 @@ from bsp_informed_planner.planning.path_kernels import shorten
 from bsp_informed_planner.planning.subset_kernels import Space
 
 #: Attempts between looks at clock and caller.
-_CHUNK = 64
+_CHUNK = 32
 
 
 def shortcut(path: Floats, verdicts: Verdicts, space: Space, budget: Budget, attempts: int = 100) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.decomposition.array_types import Flags, Floats, Indices
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.neighbour_kernels import BUCKET, MEMBERS, Neighbours, build, clear
 from bsp_informed_planner.planning.question_kernels import QUESTIONS, Questions
 from bsp_informed_planner.planning.tree_kernels import PARENT, Tree, add_nodes
@@ -87,10 +88,10 @@ def add(tree: Tree, configurations: Floats, parents: Indices, unsure: Flags, wei
     return np.arange(first, first + len(configurations))
 
 
-def nodes_and_parents(tree: Tree) -> tuple[Floats, Indices]:
-    """Copies of the nodes (m, n), and of the indices of their parents (m,), -1 for roots."""
+def grown(tree: Tree) -> GrownTree:
+    """A copy, to look at."""
     count = int(tree.size[0])
-    return tree.nodes[:count].copy(), tree.links[:count, PARENT].copy()
+    return GrownTree(tree.nodes[:count].copy(), tree.links[:count, PARENT].copy())
 
 
 def path_to_root(tree: Tree, node: int) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from bsp_informed_planner.collision.checker import CollisionChecker
@@ -66,7 +68,12 @@ def free_state(robot: Robot, checker: CollisionChecker, name: str, configuration
 
 
 def goal_configurations(
-    robot: Robot, checker: CollisionChecker, problem: PlanningProblem, start: FloatArray, max_goals: int
+    robot: Robot,
+    checker: CollisionChecker,
+    problem: PlanningProblem,
+    start: FloatArray,
+    max_goals: int,
+    check_cancelled: Callable[[], None],
 ) -> FloatArray:
     """All goal configurations that may end a path, the nearest to the start first.
 
@@ -77,6 +84,7 @@ def goal_configurations(
         problem: its goals.
         start: validated (n,).
         max_goals: most configurations to make from each pose.
+        check_cancelled: called before each goal, and each exact check; may raise.
 
     Returns:
         (k, n), k >= 1, all free.
@@ -91,11 +99,12 @@ def goal_configurations(
     from_poses: list[FloatArray] = []
     first_error: ProblemError | None = None
     for goal in problem.goals:
+        check_cancelled()
         try:
             if isinstance(goal, JointGoal):
                 usable.extend(_continuous_windings(robot, free_state(robot, checker, "goal", goal.configuration)))
             else:
-                from_poses.extend(_pose_configurations(robot, checker, goal, start, max_goals))
+                from_poses.extend(_pose_configurations(robot, checker, goal, start, max_goals, check_cancelled))
         except ProblemError as error:
             first_error = first_error or error
     configurations = usable + from_poses
@@ -117,7 +126,12 @@ def _continuous_windings(robot: Robot, goal: FloatArray) -> list[FloatArray]:
 
 
 def _pose_configurations(
-    robot: Robot, checker: CollisionChecker, goal: PoseGoal, start: FloatArray, max_goals: int
+    robot: Robot,
+    checker: CollisionChecker,
+    goal: PoseGoal,
+    start: FloatArray,
+    max_goals: int,
+    check_cancelled: Callable[[], None],
 ) -> list[FloatArray]:
     """Free configurations of a pose, at most `max_goals`."""
     branches = robot.inverse_kinematics(goal.pose, goal.frame)
@@ -125,6 +139,7 @@ def _pose_configurations(
         raise UnreachablePoseError(goal.pose.position.tolist(), goal.frame or robot.tool_frame)
     is_free = checker.surely_free(branches)
     for index in np.flatnonzero(~is_free):
+        check_cancelled()
         is_free[index] = checker.is_free(branches[index])
     free = branches[is_free]
     if not len(free):

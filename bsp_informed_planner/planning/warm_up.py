@@ -11,6 +11,7 @@ from bsp_informed_planner.planning.rrt_star import RrtStar
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
+from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
@@ -33,6 +34,7 @@ def warm_up() -> None:
     path = trees.solve(SampleSource(2, rng), budget)
     assert path is not None
     shortcut(path, verdicts, space, budget)
+    time_path(path, np.ones(2), np.ones(2), deviation=0.01, time_step=0.02)
     star = RrtStar(verdicts, space, 0.1)
     star.insert_path(path)
     star.solve(SampleSource(2, rng), budget, effort=100)

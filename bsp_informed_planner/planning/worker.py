@@ -11,6 +11,7 @@ from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.verdict_calls_kernels import FREE, UNDECIDED
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.question_kernels import ASK_ALL, ASK_UNSURE
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
@@ -25,12 +26,15 @@ from bsp_informed_planner.scene.pose import FloatArray
 # Efforts are numbers of edges to check: the order of play is then the same on a slow machine.
 #: Goals that a straight edge is tried to, the nearest ones.
 STRAIGHT = 4
-#: Uniform search before guidance is asked for.
+#: Uniform search before guidance is asked for, by default.
 HEAD_START = 300
 #: Search with guidance before edges that the bounds leave open are looked at everywhere.
 GUIDED = 400
 #: Search with questions about such edges before it begins anew.
 ASKING = 3000
+#: States that the exact judge may look at for one edge at first, later, and in the end: most edges take less than a
+#: hundred, and one that takes many is seldom the only way.
+FIRST_LOOKS, LOOKS, ALL_LOOKS = 64, 1000, 1 << 62
 #: A restart that has not met after so many times the effort of the first path gives up, and at least after so much.
 PATIENCE, LEAST_PATIENCE = 4, 500
 #: Shortcuts tried on a first path, and on each later one.
@@ -54,6 +58,7 @@ class Problem:
         limits: lower and upper joint limits, each (n,).
         max_step: longest edge of a tree.
         uniform_fraction: lambda, once there is guidance.
+        head_start: uniform search before guidance is asked for.
     """
 
     start: FloatArray
@@ -62,6 +67,7 @@ class Problem:
     limits: tuple[FloatArray, FloatArray]
     max_step: float
     uniform_fraction: float
+    head_start: int = HEAD_START
 
 
 class Worker:
@@ -94,13 +100,21 @@ class Worker:
         self._uniform = SampleSource(len(problem.start), rng)
         self._mixture = self._uniform
         self._effort = LEAST_PATIENCE
+        self._looks = ALL_LOOKS
         self._finished_nodes = 0
         self._trees: RrtConnect | None = None
+        self._star: RrtStar | None = None
 
     @property
     def nodes(self) -> int:
         """Nodes of all trees so far."""
         return self._finished_nodes + (self._trees.nodes if self._trees is not None else 0)
+
+    @property
+    def trees(self) -> tuple[GrownTree, ...]:
+        """Copies of what has grown: the trees of the last bidirectional search, and that of RRT*."""
+        both = () if self._trees is None else (self._trees.start_tree(), self._trees.goal_tree())
+        return both if self._star is None else (*both, self._star.tree())
 
     def take(self, guidance: Guidance) -> None:
         """Draw samples from guidance from now on."""
@@ -134,7 +148,8 @@ class Worker:
         # Where an end is undecided, so are mostly the states around it.
         closed_in = self._unsure[0] or self._unsure[1:].all()
         ask = ASK_ALL if closed_in else ASK_UNSURE
-        path = grow(self._uniform, ask, HEAD_START)
+        self._looks = FIRST_LOOKS
+        path = grow(self._uniform, ask, self._problem.head_start) if self._problem.head_start else None
         chains: list[FloatArray] = []
         if path is None and not budget.is_spent() and not is_over():
             path = self._straight(ask=1)
@@ -144,9 +159,11 @@ class Worker:
             self.take(found)
             trees.seed(chains)
             path = grow(self._mixture, ask, GUIDED)
+        self._looks = LOOKS
         if path is None and not budget.is_spent() and not is_over():
             path = grow(self._mixture, ASK_ALL, ASKING)
         effort = ASKING
+        self._looks = ALL_LOOKS
         while path is None and not budget.is_spent() and not is_over():
             path = self._straight(ask=STRAIGHT) if effort == ASKING else None
             if path is None:
@@ -155,6 +172,7 @@ class Worker:
                 path = grow(self._mixture, ASK_ALL, effort)
             effort *= 2
         self._effort = max(trees.effort, LEAST_PATIENCE)
+        self._looks = LOOKS
         return path
 
     def _straight(self, ask: int = 0) -> FloatArray | None:
@@ -177,9 +195,15 @@ class Worker:
         return None
 
     def _passes(self, start: FloatArray, end: FloatArray) -> bool:
-        """Whether the last check lets an edge pass, which it leaves in time."""
-        verdict = self._last.certify(start, end, lambda: not self._budget.is_out_of_time())
-        return verdict is not Verdict.COLLIDING
+        """Whether the last check lets an edge pass, and says so in time and in so many looks."""
+        looks = 0
+
+        def goes_on() -> bool:
+            nonlocal looks
+            looks += 1
+            return looks <= self._looks and not self._budget.is_out_of_time()
+
+        return self._last.certify(start, end, goes_on) is not Verdict.COLLIDING
 
     def _restart(self, trees: RrtConnect) -> None:
         self._finished_nodes += trees.nodes
@@ -210,7 +234,7 @@ class Worker:
         chains = [chain.configurations for chain in found_guidance.chains]
         trees = self._trees or RrtConnect(self._verdicts, self.space, self._problem.max_step, self._unsure)
         self._trees = trees
-        star = RrtStar(self._verdicts, self.space, self._problem.max_step, unsure=self._unsure)
+        self._star = star = RrtStar(self._verdicts, self.space, self._problem.max_step, unsure=self._unsure)
         star.insert_path(self._incumbent.path)
         patience = PATIENCE * self._effort
         while not self._budget.is_spent() and not self._is_optimal():
@@ -260,7 +284,7 @@ class Worker:
             on_better: is called after each better path.
         """
         self.take(guidance)
-        tree = RrtStar(
+        self._star = tree = RrtStar(
             self._verdicts, self.space, self._problem.max_step, rewire=rewire, informed=False, unsure=self._unsure
         )
         ask, effort = ASK_UNSURE, GUIDED

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from bsp_informed_planner.robots.body_points_kernels import body_points
 from bsp_informed_planner.robots.chain_kernels import chain_pose, chain_positions, solve_batch
 from bsp_informed_planner.robots.motion_bound import joint_axes
 from bsp_informed_planner.scene.pose import FloatArray
@@ -88,6 +89,11 @@ class KinematicChain:
         """(k, 3) positions of the frame in the root frame for rows of joint values (k, m)."""
         rows = np.require(rows, np.float64, ("C", "W"))
         return chain_positions(self.rotations, self.offsets, self.prismatic, rows)
+
+    def body_points(self, rows: FloatArray) -> FloatArray:
+        """(k, 2 m, 3) points on the links in the root frame for rows of joint values (k, m), see `body_points`."""
+        rows = np.require(rows, np.float64, ("C", "W"))
+        return body_points(self.rotations, self.offsets, self.prismatic, rows)
 
     def solve(
         self,

@@ -18,3 +18,4 @@ def warm_up() -> None:
     arm = load_arm(_ARM)
     arm.inverse_kinematics(arm.forward_kinematics(np.array([0.3])))
     arm.reference_points(np.array([[0.3]]))
+    arm.chain().body_points(np.array([[0.3]]))

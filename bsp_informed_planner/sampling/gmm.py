@@ -21,7 +21,7 @@ from bsp_informed_planner.networks.card import ModelCard
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.local_primitives import LocalPrimitives
-from bsp_informed_planner.sampling.models import find_card
+from bsp_informed_planner.sampling.models import find_card, read_once
 from bsp_informed_planner.scene.pose import FloatArray, frozen_array
 
 SAMPLER_ID = "gmm"
@@ -203,13 +203,20 @@ class GmmGuide:
             KeypointsUnavailableError: if nothing similar is in the database.
         """
         begin = time.monotonic()
-        setting, options = self._setting, self._database.options
+        return Guidance(SAMPLER_ID, (), self.sampler(()), seconds=time.monotonic() - begin)
+
+    def sampler(self, chains: Sequence[FloatArray]) -> GaussianMixture:
+        """See `Guide`: the same mixture for all chains.
+
+        Raises:
+            KeypointsUnavailableError: if nothing similar is in the database.
+        """
+        robot, options = self._setting.robot, self._database.options
         if self._waypoints is None:
-            self._waypoints = self._database.retrieve(LocalPrimitives.of(setting.scene, options.reach))
+            self._waypoints = self._database.retrieve(LocalPrimitives.of(self._setting.scene, options.reach))
         if not len(self._waypoints):
             raise KeypointsUnavailableError("no place of the scene is like one in the database")
-        sampler = GaussianMixture(self._waypoints, options.sigma, setting.robot.lower, setting.robot.upper)
-        return Guidance(SAMPLER_ID, (), sampler, seconds=time.monotonic() - begin)
+        return GaussianMixture(self._waypoints, options.sigma, robot.lower, robot.upper)
 
 
 def gmm_guide(setting: GuideSetting) -> GmmGuide:
@@ -219,4 +226,4 @@ def gmm_guide(setting: GuideSetting) -> GmmGuide:
         ModelUnavailableError: if there is no database for the robot.
     """
     path, _ = find_card(setting.robot, (SAMPLER_ID,), setting.models)
-    return GmmGuide(setting, PrimitiveDatabase.load(path))
+    return GmmGuide(setting, read_once(PrimitiveDatabase.load, path))

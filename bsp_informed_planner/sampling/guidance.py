@@ -56,6 +56,8 @@ class KeypointGuideOptions:
         tilts: angles by which the tool is tilted about both of its lateral axes [rad].
         rolls: angles by which it is turned about its approach axis [rad].
         layer_size: most collision-free configurations kept for a keypoint.
+        exact_checks: where the bounds prove none of a keypoint's configurations free, so many are checked exactly, the
+            nearest ones of those that the bounds leave open.
         chain_count: most chains returned; the second and later ones avoid the edges found in collision.
         repairs: how often the path through the layers is searched again around edges in collision.
         blocked_penalty: factor on the length of an edge found in collision.
@@ -69,6 +71,7 @@ class KeypointGuideOptions:
     tilts: tuple[float, ...] = (-0.9, -0.5, 0.5, 0.9)
     rolls: tuple[float, ...] = (-np.pi / 2, np.pi / 2, np.pi)
     layer_size: int = 8
+    exact_checks: int = 4
     chain_count: int = 4
     repairs: int = 12
     blocked_penalty: float = 3.0

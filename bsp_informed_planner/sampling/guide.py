@@ -7,21 +7,22 @@ A guide is made for one robot and one scene, and then asked for each problem. To
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.decomposition.decomposition import Decomposition
-from bsp_informed_planner.errors import UnknownSamplerError
+from bsp_informed_planner.errors import MissingPackageError, UnknownSamplerError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
+from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
 
 class Guide(Protocol):
-    """Makes guidance for problems of one robot in one scene."""
+    """Makes guidance for problems of one robot in one scene. May be asked by several threads at once."""
 
     def guide(
         self,
@@ -41,6 +42,25 @@ class Guide(Protocol):
         Raises:
             KeypointsUnavailableError: if there is none.
         """
+        ...
+
+    def sampler(self, chains: Sequence[FloatArray]) -> Sampler:
+        """The mixture of the local samplers along chains (m, n), m >= 2, without the uniform share.
+
+        Guides without keypoints look at the ends of the first chain alone, or at none.
+
+        Raises:
+            KeypointsUnavailableError: if there is none.
+        """
+        ...
+
+
+@runtime_checkable
+class LearningGuide(Protocol):
+    """A guide that gets better by use."""
+
+    def learn(self, path: FloatArray) -> None:
+        """Take note of a path (m, n) that was planned, verified."""
         ...
 
 
@@ -65,14 +85,21 @@ class GuideSetting:
     seed: int = 0
 
 
+#: The guide that needs no model.
+EXACT = "keypoint_tube"
 #: Sampler id -> "module:factory"; a factory takes a GuideSetting. Modules are imported when first asked for: some load
 #: torch.
 GUIDES: dict[str, str] = {
-    "keypoint_tube": "bsp_informed_planner.sampling.keypoint_guide:exact_guide",
-    "learned": "bsp_informed_planner.sampling.learned_guide:learned_guide",
+    EXACT: "bsp_informed_planner.sampling.keypoint_guide:exact_guide",
+    "learned": "bsp_informed_planner.sampling.learned:learned_guide",
     "cvae_shortest_path": "bsp_informed_planner.sampling.learned_guide:shortest_path_guide",
     "gmm": "bsp_informed_planner.sampling.gmm:gmm_guide",
+    "path_library": "bsp_informed_planner.sampling.path_library:path_library_guide",
 }
+
+
+#: What samples may come from: a guide, or none.
+SAMPLER_IDS = (EXACT, "uniform", *(name for name in GUIDES if name != EXACT))
 
 
 def make_guide(sampler_id: str, setting: GuideSetting) -> Guide:
@@ -81,9 +108,14 @@ def make_guide(sampler_id: str, setting: GuideSetting) -> Guide:
     Raises:
         UnknownSamplerError: for an id without a guide.
         ModelUnavailableError: if it needs a model that is not there for this robot.
+        ModelError: if a model is damaged.
+        MissingPackageError: if it needs a package that is not installed.
     """
     if sampler_id not in GUIDES:
         raise UnknownSamplerError(sampler_id, tuple(GUIDES))
     module, factory = GUIDES[sampler_id].split(":")
-    guide: Guide = getattr(importlib.import_module(module), factory)(setting)
+    try:
+        guide: Guide = getattr(importlib.import_module(module), factory)(setting)
+    except ModuleNotFoundError as error:
+        raise MissingPackageError(f"sampler_id '{sampler_id}'", error.name or "torch", "learning") from error
     return guide

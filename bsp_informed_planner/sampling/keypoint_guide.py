@@ -1,9 +1,9 @@
-"""Exact keypoints: the decomposition's chain, lifted to configurations by inverse kinematics (model "bsp")."""
+"""Exact keypoints: the decomposition's chain, lifted to configurations by inverse kinematics."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from bsp_informed_planner.decomposition.graph import KeypointChain, shortest_cha
 from bsp_informed_planner.errors import KeypointsUnavailableError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance, KeypointGuideOptions
-from bsp_informed_planner.sampling.guide import GuideSetting
+from bsp_informed_planner.sampling.guide import EXACT, GuideSetting
 from bsp_informed_planner.sampling.layers import keypoint_layer, paths_through_layers, tool_orientations
-from bsp_informed_planner.sampling.tube import tube_sampler
+from bsp_informed_planner.sampling.tube import TubeSampler, tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
 
-SAMPLER_ID = "keypoint_tube"
+SAMPLER_ID = EXACT
 
 
 def _never() -> bool:
@@ -74,10 +74,12 @@ class ExactKeypointGuide:
         """
         begin = time.monotonic()
         chains = self.chains(start, goals, checker, should_stop)
-        sampler = tube_sampler(
-            [chain.configurations for chain in chains], self.sigma, self._robot.lower, self._robot.upper
-        )
+        sampler = self.sampler([chain.configurations for chain in chains])
         return Guidance(SAMPLER_ID, chains, sampler, seconds=time.monotonic() - begin)
+
+    def sampler(self, chains: Sequence[FloatArray]) -> TubeSampler:
+        """The Gaussian tube around chains, see `Guide`."""
+        return tube_sampler(chains, self.sigma, self._robot.lower, self._robot.upper)
 
     def chains(
         self,
@@ -192,9 +194,7 @@ class ExactKeypointGuide:
             normal = portal_normal(self._decomposition.portal(int(self._decomposition.candidate_portals[candidate])))
             orientations = tool_orientations(*quaternions, normal, fraction, self._options)
         guess = start + fraction * (goal - start)
-        return keypoint_layer(
-            self._robot, checker, chain.points[position], orientations, guess, self._options.layer_size
-        )
+        return keypoint_layer(self._robot, checker, chain.points[position], orientations, guess, self._options)
 
 
 def exact_guide(setting: GuideSetting) -> ExactKeypointGuide:

@@ -42,12 +42,12 @@ def keypoint_layer(
     point: FloatArray,
     orientations: FloatArray,
     guess: FloatArray,
-    layer_size: int,
+    options: KeypointGuideOptions,
 ) -> FloatArray:
     """Collision-free configurations with the reference point of the robot at a keypoint.
 
     All branches of the inverse kinematics in all orientations, wound as near as possible to a guess; the nearest ones
-    that are surely free are kept, and if none is, those that are.
+    that are surely free are kept, and if none is, free ones among the nearest.
 
     Args:
         robot: gives the inverse kinematics.
@@ -55,10 +55,10 @@ def keypoint_layer(
         point: (3,) keypoint in the root frame [m].
         orientations: (k, 4) quaternions of the tool to try.
         guess: (n,) configuration that the layer should lie close to.
-        layer_size: most configurations to keep.
+        options: how many configurations to keep, and to check exactly.
 
     Returns:
-        (k, n) with 0 <= k <= layer_size.
+        (k, n) with 0 <= k <= `layer_size`.
     """
     poses = matrices_at(np.array(point, dtype=np.float64), np.array(orientations, dtype=np.float64))
     candidates = np.concatenate(robot.inverse_kinematics_batch(poses))
@@ -66,7 +66,7 @@ def keypoint_layer(
         return candidates
     wound = nearest_windings(robot, candidates, guess)
     wound = wound[np.argsort(np.linalg.norm(wound - guess, axis=1))]
-    kept = np.empty((0, robot.dof))
+    kept, layer_size = np.empty((0, robot.dof)), options.layer_size
     # A few at a time: mostly the nearest are enough.
     for begin in range(0, len(wound), 2 * layer_size):
         some = wound[begin : begin + 2 * layer_size]
@@ -74,8 +74,19 @@ def keypoint_layer(
         if len(kept) >= layer_size:
             return kept[:layer_size]
     if not len(kept):
-        kept = np.array([one for one in wound if checker.is_free(one)][:layer_size]).reshape(-1, robot.dof)
+        kept = _exactly_free(wound, checker, options.exact_checks)
     return kept
+
+
+def _exactly_free(configurations: FloatArray, checker: CollisionChecker, most: int) -> FloatArray:
+    """The free ones of configurations (k, n); so many are given to the exact check at most, the first ones."""
+    free = np.zeros(len(configurations), dtype=np.bool_)
+    before = checker.checks
+    for index, configuration in enumerate(configurations):
+        free[index] = checker.is_free(configuration)
+        if checker.checks - before >= most:
+            break
+    return configurations[free]
 
 
 def nearest_windings(robot: Robot, configurations: FloatArray, guess: FloatArray) -> FloatArray:

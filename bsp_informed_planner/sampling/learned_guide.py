@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError, ModelUnavailableError
 from bsp_informed_planner.networks.registry import Model
-from bsp_informed_planner.sampling.cvae_sampler import cvae_sampler
+from bsp_informed_planner.sampling.cvae_sampler import CvaeMixture, cvae_sampler
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.keypoint_estimation import EstimatedChain, SceneView, estimator_of
 from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
+from bsp_informed_planner.sampling.learned import KEYPOINT_KINDS
 from bsp_informed_planner.sampling.models import find_model
 from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.sampling.tube import tube_sampler
@@ -23,8 +24,7 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 SAMPLER_ID = "learned"
 SHORTEST_PATH_ID = "cvae_shortest_path"
-#: Kinds of models, the best first.
-KEYPOINT_KINDS = ("heatmap", "sequential_regression")
+#: Kinds of models of local samplers, the best first.
 SAMPLER_KINDS = ("segment_cvae", "cvae")
 
 
@@ -115,7 +115,7 @@ class LearnedGuide:
                 )
             taken = taken or min(arrived, key=lambda chain: chain.length)
             configuration_chains = (self._lifted(taken),)
-        sampler = self._local_samplers([chain.configurations for chain in configuration_chains])
+        sampler = self.sampler([chain.configurations for chain in configuration_chains])
         return Guidance(SAMPLER_ID, configuration_chains, sampler, reason, time.monotonic() - begin)
 
     def estimated(self, start: FloatArray, goals: FloatArray) -> list[EstimatedChain]:
@@ -145,39 +145,14 @@ class LearnedGuide:
         points = [robot.forward_kinematics(configuration).position for configuration in chain.configurations]
         return ConfigurationChain(chain.configurations, np.array(points))
 
-    def _local_samplers(self, chains: list[FloatArray]) -> Sampler:
+    def sampler(self, chains: Sequence[FloatArray]) -> Sampler:
+        """See `Guide`."""
         robot, scene = self._setting.robot, self._setting.scene
         if self._sampler is None or self._options.local_sampler == "tube":
             return tube_sampler(chains, self._setting.options.tube_sigma(robot), robot.lower, robot.upper)
         pairs = [pair for chain in chains for pair in zip(chain[:-1], chain[1:], strict=True)]
         view = None if self._sampler.card.kind == "segment_cvae" else self._view(self._sampler)
         return cvae_sampler(self._sampler, scene, view, pairs, robot.lower, robot.upper)
-
-
-class GuideWithoutModel:
-    """Exact keypoints for a robot that no model was trained for, with that as the reason.
-
-    Args:
-        setting: robot and scene.
-        reason: a sentence.
-    """
-
-    def __init__(self, setting: GuideSetting, reason: str) -> None:
-        self._setting = setting
-        self._reason = reason
-
-    def guide(
-        self,
-        start: FloatArray,
-        goals: FloatArray,
-        checker: CollisionChecker,
-        should_stop: Callable[[], bool] | None = None,
-    ) -> Guidance:
-        """See `Guide`."""
-        setting = self._setting
-        exact = ExactKeypointGuide(setting.robot, setting.decomposition(), setting.options)
-        guidance = exact.guide(start, goals, checker, should_stop)
-        return replace(guidance, sampler_id=SAMPLER_ID, fallback_reason=f"exact keypoints: {self._reason}")
 
 
 class ShortestPathGuide:
@@ -202,13 +177,15 @@ class ShortestPathGuide:
     ) -> Guidance:
         """See `Guide`: samples between the start and the nearest goal, and no chains."""
         begin = time.monotonic()
-        robot = self._setting.robot
-        self._view = self._view or SceneView.of(self._setting.scene, self._sampler)
         goal = goals[int(np.argmin(np.linalg.norm(goals - start, axis=1)))]
-        sampler = cvae_sampler(
-            self._sampler, self._setting.scene, self._view, [(start, goal)], robot.lower, robot.upper
-        )
-        return Guidance(SHORTEST_PATH_ID, (), sampler, seconds=time.monotonic() - begin)
+        return Guidance(SHORTEST_PATH_ID, (), self.sampler([np.array((start, goal))]), "", time.monotonic() - begin)
+
+    def sampler(self, chains: Sequence[FloatArray]) -> CvaeMixture:
+        """See `Guide`: between the ends of the first chain."""
+        robot, scene = self._setting.robot, self._setting.scene
+        self._view = self._view or SceneView.of(scene, self._sampler)
+        ends = (chains[0][0], chains[0][-1])
+        return cvae_sampler(self._sampler, scene, self._view, [ends], robot.lower, robot.upper)
 
 
 def best_free_chain(
@@ -224,18 +201,16 @@ def best_free_chain(
     return None
 
 
-def learned_guide(setting: GuideSetting) -> LearnedGuide | GuideWithoutModel:
-    """The guide of the sampler id "learned", with the models for the setting's robot.
+def keypoint_guide(setting: GuideSetting) -> LearnedGuide:
+    """Keypoints one after the other, with the models for the setting's robot.
 
-    Without a model of keypoints, keypoints are exact; without one of samplers, these are Gaussian tubes.
+    Without a model of samplers, these are Gaussian tubes.
 
     Raises:
+        ModelUnavailableError: if there is no model of keypoints for the robot.
         ModelError: if a model is damaged.
     """
-    try:
-        keypoints = find_model(setting.robot, KEYPOINT_KINDS, setting.models)
-    except ModelUnavailableError as error:
-        return GuideWithoutModel(setting, str(error))
+    keypoints = find_model(setting.robot, KEYPOINT_KINDS, setting.models)
     try:
         sampler = find_model(setting.robot, SAMPLER_KINDS, setting.models)
     except ModelUnavailableError:

@@ -14,6 +14,8 @@ from bsp_informed_planner.scene.shapes import HalfSpace, Shape
 
 #: Coordinates beyond it are a mistake, or a unit other than metres [m].
 LARGEST_WORKSPACE = 1e4
+#: Thinner ones vanish within the tolerances of the decomposition [m].
+THINNEST_WORKSPACE = 1e-3
 
 #: Names of two bodies: links of the robot, ids of obstacles and of attached ones.
 BodyPair = frozenset[str]
@@ -25,6 +27,9 @@ class WorkspaceBounds:
 
     Attributes:
         lower, upper: (3,) [m].
+
+    Raises:
+        InvalidWorkspaceError: if they are not finite, too far away, or a side is shorter than a millimetre.
     """
 
     lower: FloatArray
@@ -41,6 +46,12 @@ class WorkspaceBounds:
         if (self.lower >= self.upper).any():
             raise InvalidWorkspaceError(
                 f"workspace bounds: lower {self.lower.tolist()} is not below upper {self.upper.tolist()}"
+            )
+        sides = self.upper - self.lower
+        if (sides < THINNEST_WORKSPACE).any():
+            axis = "xyz"[int(sides.argmin())]
+            raise InvalidWorkspaceError(
+                f"workspace bounds: {sides.min():g} m along {axis}, less than {THINNEST_WORKSPACE:g} m"
             )
 
     def contains(self, points: FloatArray) -> np.ndarray:

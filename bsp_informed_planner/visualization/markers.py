@@ -6,7 +6,7 @@ behind; ids count from 0 in each namespace. Only message classes are imported he
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -17,6 +17,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from bsp_informed_planner.decomposition.decomposition import Decomposition
+from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.path import interpolate, path_length
 from bsp_informed_planner.planning.problem import PlanResult
 from bsp_informed_planner.robots.robot import Robot
@@ -37,6 +38,8 @@ PATH_WIDTH = (0.01, 0.003, 0.02)
 PATH_STEP, MOST_POINTS = 0.03, 1000
 # Samples that are shown.
 SAMPLES = 200
+# Nodes of trees that are shown.
+TREE_NODES = 3000
 
 
 def decomposition_markers(scene: Scene, decomposition: Decomposition, stamp: Time) -> MarkerArray:
@@ -73,8 +76,9 @@ def plan_markers(robot: Robot, result: PlanResult) -> MarkerArray:
     """Markers of a plan, in the root frame of the robot, without a time: viewers take the newest transform.
 
     Namespaces: "path" (the way of the tool, a line strip coloured from start to goal), "waypoints" and "keypoints"
-    (sphere lists), "start" and "goal" (a sphere each), "samples" (where the tool is in samples of the guidance, points)
-    and "swept_robot" (coarse hulls of the robot along the path, translucent triangles). What is empty is left out.
+    (sphere lists), "start" and "goal" (a sphere each), "samples" (where the tool is in samples of the guidance),
+    "trees" (where it is in the first nodes of the search's trees, if they were kept, a line list) and "swept_robot"
+    (coarse hulls of the robot along the path, translucent triangles). What is empty is left out.
     """
     header = Header(frame_id=robot.root_frame)
     states = interpolate(result.path, max(PATH_STEP, path_length(result.path) / MOST_POINTS))
@@ -100,6 +104,10 @@ def plan_markers(robot: Robot, result: PlanResult) -> MarkerArray:
         drawn = result.guidance.sampler.sample(np.random.default_rng(result.statistics.seed), SAMPLES)
         samples.points = _points(_tool_positions(robot, drawn))
         markers.append(samples)
+    trees = _marker(header, "trees", 0, Marker.LINE_LIST, 0.2 * width, palette.GRAPH, 0.6)
+    trees.points = _points(_tree_edges(robot, result.trees))
+    if trees.points:
+        markers.append(trees)
     swept = _marker(header, "swept_robot", 0, Marker.TRIANGLE_LIST, 1.0, palette.MIDDLE, 0.2)
     swept.points = _points(CoarseRobot(robot).swept(states))
     if swept.points:
@@ -134,6 +142,18 @@ def _obstacle(header: Header, index: int, shape: Shape, pose: Pose, bounds: Work
 def _tool_positions(robot: Robot, states: FloatArray) -> FloatArray:
     """(m, 3) positions of the tool frame in states (m, n), in the root frame [m]."""
     return np.array([robot.forward_kinematics(state).position for state in states])
+
+
+def _tree_edges(robot: Robot, trees: Sequence[GrownTree]) -> FloatArray:
+    """(2 e, 3) ends of edges between nodes and their parents, by the tool's places [m]."""
+    ends = [np.empty((0, 3))]
+    for tree in trees:
+        shown = min(len(tree.nodes), TREE_NODES // len(trees))
+        places = _tool_positions(robot, tree.nodes[:shown])
+        children = np.flatnonzero((tree.parents[:shown] >= 0) & (tree.parents[:shown] < shown))
+        if len(children):
+            ends.append(np.stack((places[tree.parents[children]], places[children]), axis=1).reshape(-1, 3))
+    return np.concatenate(ends)
 
 
 def _delete_all(header: Header) -> Marker:

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.collections import LineCollection
 
-from bsp_informed_planner.planning.growth import GrownTree, Growth
+from bsp_informed_planner.planning.grown_tree import GrownTree
+from bsp_informed_planner.planning.growth import Growth
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 from bsp_informed_planner.visualization import overlay

@@ -12,10 +12,9 @@ from bsp_informed_planner.benchmarks.networks.maze_world import MazeWorld
 from bsp_informed_planner.benchmarks.report import Section
 from bsp_informed_planner.benchmarks.statistics import Estimate, column, mean, median
 from bsp_informed_planner.errors import BspPlannerError, ModelUnavailableError
-from bsp_informed_planner.experience.sampler_examples import resampled
 from bsp_informed_planner.sampling.cvae_sampler import cvae_sampler
+from bsp_informed_planner.sampling.learned import KEYPOINT_KINDS
 from bsp_informed_planner.sampling.learned_guide import (
-    KEYPOINT_KINDS,
     SAMPLER_KINDS,
     SHORTEST_PATH_ID,
     LearnedGuide,
@@ -23,6 +22,7 @@ from bsp_informed_planner.sampling.learned_guide import (
     ShortestPathGuide,
 )
 from bsp_informed_planner.sampling.models import find_model
+from bsp_informed_planner.sampling.path_shapes import resampled
 from bsp_informed_planner.sampling.sampler import Sampler, UniformSampler
 from bsp_informed_planner.sampling.tube import tube_sampler
 

@@ -12,7 +12,7 @@ from bsp_informed_planner.compile_kernels import ensure_compiled
 def nodes_benchmark(quick: bool) -> Benchmark:
     """Times first, then what the nodes stand."""
     return Benchmark(
-        name="nodes",
+        name="service",
         title="Benchmark of the nodes",
         introduction=(
             "What the nodes cost beyond the library, how soon a change of the scene is planned on, and whether every "

@@ -10,6 +10,7 @@ from bsp_informed_planner.benchmarks.planning.costs import costs_part
 from bsp_informed_planner.benchmarks.planning.first_paths import first_paths_part
 from bsp_informed_planner.benchmarks.planning.methods import Run, has_ompl, methods, robot, workers
 from bsp_informed_planner.benchmarks.planning.problems import draw_problem, seed_of
+from bsp_informed_planner.benchmarks.planning.threads import threads_part
 from bsp_informed_planner.compile_kernels import ensure_compiled
 
 #: What runs all code once, and how long it may take: the last one waits for its process [s].
@@ -41,7 +42,7 @@ def planning_benchmark(quick: bool) -> Benchmark:
             "what of it is owed to keypoints. Problems are random, from seeds that neither tests nor training use. "
             "One processor for each run."
         ),
-        parts=(first_paths_part(quick), costs_part(quick), certificates_part(quick)),
+        parts=(first_paths_part(quick), threads_part(quick), costs_part(quick), certificates_part(quick)),
         sources=(
             "scene", "decomposition", "robots", "collision", "sampling", "ompl_workers", "planning", "benchmarks",
         ),

@@ -20,12 +20,12 @@ from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: How edges were checked: the fraction of the diagonal of the joint space between two states of OMPL's own motion
-#: validator, or None for ours at the resolution of our searches.
+#: validator, or None for our checker, which proves edges.
 CHECKS: dict[str, float | None] = {
     "OMPL's default, 0.01 of the diagonal": 0.01,
     "0.003 of the diagonal": 0.003,
     "0.001 of the diagonal": 0.001,
-    "our search's resolution, 0.03 m": None,
+    "by the checker of our searches": None,
 }
 LIMIT = 10.0
 PATHS = ("found", "simplified")
@@ -56,7 +56,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             lower=lower,
             upper=upper,
             padding=0.0,
-            resolution=plan.search.search_resolution,
+            resolution=plan.search.verification_resolution,
             deadline=time.monotonic() + LIMIT,
             seed=seed,
             max_step=plan.search.max_step,

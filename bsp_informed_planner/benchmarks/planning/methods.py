@@ -96,10 +96,10 @@ def has_ompl() -> bool:
     return importlib.util.find_spec("ompl") is not None
 
 
-def planner_of(problem: ShelfProblem) -> Planner:
+def planner_of(problem: ShelfProblem, threads: int = 1) -> Planner:
     """A planner that has loaded the scene and made its checkers, but has not decomposed it."""
     planner = Planner(robot(), problem.scene, ompl_workers=workers())
-    planner.prepare(problem.problem)
+    planner.get_ready(threads)
     return planner
 
 
@@ -158,6 +158,12 @@ def _planner(planner_id: str, sampler_id: str = "uniform") -> Callable[[Run], Hi
         return _history(result, run)
 
     return plan
+
+
+def with_threads(run: Run, threads: int) -> History:
+    """Our planner with exact keypoints, in so many threads."""
+    result, _ = _plan(planner_of(run.problem, threads), run, threads=threads)
+    return _history(result, run)
 
 
 def tube_around_path(run: Run) -> History:

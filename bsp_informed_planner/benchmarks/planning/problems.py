@@ -70,7 +70,7 @@ def draw_problem(robot: Robot, rng: np.random.Generator, stratum: str | None = N
     raise PlanningFailedError(f"none of {_MOST_DRAWS} problems is {stratum}")
 
 
-def draw_solved_problem(robot: Robot, rng: np.random.Generator, stratum: str, seconds: float) -> ShelfProblem:
+def draw_solved_problem(robot: Robot, rng: np.random.Generator, stratum: str | None, seconds: float) -> ShelfProblem:
     """A random problem with a single goal configuration, which RRT-Connect reaches from the start.
 
     Where a pose has many configurations, planners may reach different ones, and costs compare the choice of a goal as

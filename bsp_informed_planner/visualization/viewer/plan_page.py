@@ -13,7 +13,8 @@ import numpy as np
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.planning.growth import record_growth
 from bsp_informed_planner.planning.planner import Planner
-from bsp_informed_planner.planning.problem import SAMPLER_IDS, Goal, JointGoal, PlanningProblem, PlanOptions
+from bsp_informed_planner.planning.problem import Goal, JointGoal, PlanningProblem, PlanOptions
+from bsp_informed_planner.sampling.guide import SAMPLER_IDS
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.visualization.shape_triangles import RobotMeshes
 from bsp_informed_planner.visualization.viewer.cost_curve import CostCurve

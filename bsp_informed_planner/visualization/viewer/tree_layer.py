@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bsp_informed_planner.planning.growth import GrownTree, Growth
+from bsp_informed_planner.planning.grown_tree import GrownTree
+from bsp_informed_planner.planning.growth import Growth
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.visualization.palette import GOAL, START, Colour

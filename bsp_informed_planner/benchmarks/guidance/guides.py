@@ -1,0 +1,139 @@
+"""Everything that may guide an arm's plan, learned or not, and the controls."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from bsp_informed_planner.benchmarks.planning.problems import ShelfProblem
+from bsp_informed_planner.collision.checker import CollisionChecker
+from bsp_informed_planner.decomposition.decomposition import decompose
+from bsp_informed_planner.errors import BspPlannerError, KeypointsUnavailableError, ModelUnavailableError
+from bsp_informed_planner.robots.arm import ArmRobot
+from bsp_informed_planner.robots.demo_arms import ur5
+from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
+from bsp_informed_planner.sampling.guide import EXACT, Guide, GuideSetting, make_guide
+from bsp_informed_planner.sampling.models import find_card
+from bsp_informed_planner.sampling.path_chain_guide import lifted
+from bsp_informed_planner.sampling.path_guide import path_guidance
+from bsp_informed_planner.sampling.path_proposals import KIND
+from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.scene import Scene
+
+#: From the start and goals of a plan, and a check that nothing else uses meanwhile.
+MakeGuidance = Callable[[FloatArray, FloatArray, CollisionChecker], Guidance]
+
+TITLES = {
+    "plain": "plain RRT-Connect",
+    "line": "straight line + Gaussian",
+    "exact": "exact keypoints + Gaussian",
+    "library": "path library",
+    "learned": "network",
+    "wrong_scene": "network, shown another scene (control)",
+    "no_scene": "network without scene (control)",
+    "random": "paths of the library at random (control)",
+    "cvae": "CVAE on shortest paths",
+    "gmm": "GMM with workspace decomposition",
+    "perfect": "a good path known + Gaussian (bound)",
+}
+
+
+@cache
+def robot() -> ArmRobot:
+    """The arm of all problems."""
+    return ur5()
+
+
+def guides(
+    problem: ShelfProblem,
+    other: Scene,
+    best: FloatArray,
+    models: str | None,
+    controls: str | None,
+    rng: np.random.Generator,
+) -> Mapping[str, MakeGuidance]:
+    """What may guide a plan, by a short name; those that need a model which is not there are left out.
+
+    Each has loaded its model and has worked out what it needs of the scene alone, as at a second plan in a scene; the
+    decomposition too, though exact keypoints owe more to it than others.
+
+    Args:
+        problem: to be planned.
+        other: another scene, for the control.
+        best: (m, n) a path that is good.
+        models: folder of models; None: those that come with the package.
+        controls: folder with a model of the kind "path_chains" that was trained without scenes; None: no such row.
+        rng: for paths at random.
+    """
+    decomposition = decompose(problem.scene)
+    setting = GuideSetting(robot(), problem.scene, lambda: decomposition, models=models)
+    wrong = replace(setting, scene=other)
+    found: dict[str, MakeGuidance] = {
+        "plain": lambda start, goals, checker: Guidance("uniform"),
+        "line": lambda start, goals, checker: path_guidance(robot(), np.array((start, goals[0]))),
+        "perfect": lambda start, goals, checker: path_guidance(robot(), best),
+    }
+    wanted = (
+        ("exact", EXACT, setting),
+        ("library", "path_library", setting),
+        ("learned", "learned", setting),
+        ("wrong_scene", "learned", wrong),
+        ("cvae", "cvae_shortest_path", setting),
+        ("gmm", "gmm", setting),
+    )
+    for name, sampler_id, own in wanted:
+        try:
+            found[name] = _asked(make_guide(sampler_id, own), problem)
+        except ModelUnavailableError:
+            continue
+    if "library" in found:
+        found["random"] = _at_random(found["library"], rng)
+    if controls is not None:
+        find_card(robot(), (KIND,), controls)
+        found["no_scene"] = _asked(make_guide("learned", replace(setting, models=controls)), problem)
+    return found
+
+
+def _asked(guide: Guide, problem: ShelfProblem) -> MakeGuidance:
+    """A guide that has been asked once before."""
+
+    def ask(start: FloatArray, goals: FloatArray, checker: CollisionChecker) -> Guidance:
+        begin = time.monotonic()
+        try:
+            return guide.guide(start, goals, checker)
+        except KeypointsUnavailableError as error:
+            return Guidance("uniform", fallback_reason=error.reason, seconds=time.monotonic() - begin)
+
+    return ask
+
+
+def _at_random(library: MakeGuidance, rng: np.random.Generator) -> MakeGuidance:
+    """As many paths as the library gives, but shapes of those of other starts and goals."""
+    limits = robot().lower, robot().upper
+
+    def ask(start: FloatArray, goals: FloatArray, checker: CollisionChecker) -> Guidance:
+        elsewhere = rng.uniform(*(0.5 * limit for limit in limits), (2, robot().dof))
+        guidance = library(elsewhere[0], elsewhere[1:], checker)
+        share = np.linspace(0.0, 1.0, len(guidance.chains[0].configurations))[:, None]
+        line = (1.0 - share) * start + share * goals[0]
+        strange = (1.0 - share) * elsewhere[0] + share * elsewhere[1]
+        paths = np.array([chain.configurations - strange + line for chain in guidance.chains])
+        paths[:, 1:-1] = np.clip(paths[:, 1:-1], *limits)
+        chains: tuple[ConfigurationChain, ...] = lifted(robot(), paths)
+        tube = path_guidance(robot(), np.concatenate(list(paths)))
+        return Guidance("random", chains, tube.sampler, seconds=guidance.seconds)
+
+    return ask
+
+
+def has_controls(folder: str | None) -> bool:
+    """Whether a folder holds the model of a control."""
+    try:
+        return folder is not None and Path(folder).is_dir() and bool(find_card(robot(), (KIND,), folder))
+    except BspPlannerError:
+        return False

@@ -1,0 +1,89 @@
+"""Guidance for arms: whole chains proposed by a network, which seed the trees of the planner."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from bsp_informed_planner.collision.checker import CollisionChecker
+from bsp_informed_planner.errors import ModelMismatchError
+from bsp_informed_planner.networks.problem_view import ProblemView, ViewOptions
+from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
+from bsp_informed_planner.sampling.guide import GuideSetting
+from bsp_informed_planner.sampling.path_proposals import PathProposals
+from bsp_informed_planner.sampling.path_shapes import path_of
+from bsp_informed_planner.sampling.tube import TubeSampler, tube_sampler
+from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.scene.signed_distance import SignedDistance
+
+SAMPLER_ID = "learned"
+#: Chains that are handed to the planner, and the goals, the nearest ones, that they are shared out to.
+CHAINS, GOALS = 8, 4
+
+
+class PathChainGuide:
+    """Proposes chains from the start to the nearest goals.
+
+    None of them is checked here: the planner puts what is free of them into its trees, which takes it less time than
+    the question which chain is best. They need not be free as a whole to help.
+
+    Args:
+        setting: robot and scene.
+        model: of the kind "path_chains", for this robot.
+        chains: number of chains handed on, at least 1.
+
+    Raises:
+        ModelMismatchError: if the model sees problems in another way than this version does.
+    """
+
+    def __init__(self, setting: GuideSetting, model: PathProposals, chains: int = CHAINS) -> None:
+        self._setting = setting
+        self._model = model
+        self._chains = chains
+        self._view = ProblemView(setting.robot, ViewOptions.from_json(model.card.encoding))
+        if self._view.size != len(model.mean):
+            raise ModelMismatchError(model.card.name, "length of a condition", len(model.mean), self._view.size)
+        self._field: SignedDistance | None = None
+
+    def guide(
+        self,
+        start: FloatArray,
+        goals: FloatArray,
+        checker: CollisionChecker,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> Guidance:
+        """See `Guide`."""
+        begin = time.monotonic()
+        paths = self.proposed(start, goals)
+        chains = lifted(self._setting.robot, paths)
+        return Guidance(SAMPLER_ID, chains, self.sampler(list(paths)), "", time.monotonic() - begin)
+
+    def proposed(self, start: FloatArray, goals: FloatArray) -> FloatArray:
+        """(k, m, n) chains from start (n,) to the nearest of the goals (g, n), the most promising ones first."""
+        if self._field is None:
+            self._field = SignedDistance(self._setting.scene)
+        robot = self._setting.robot
+        nearest = goals[np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")[:GOALS]]
+        starts = np.repeat(start[None], len(nearest), axis=0)
+        shapes, logits = self._model.propose(self._view.conditions(self._field, starts, nearest))
+        share = -(-self._chains // len(nearest))
+        best = np.argsort(-logits, axis=1, kind="stable")[:, :share]
+        chosen = np.take_along_axis(shapes, best[:, :, None, None], axis=1)
+        paths = path_of(chosen, starts[:, None], nearest[:, None])
+        paths[..., 1:-1, :] = np.clip(paths[..., 1:-1, :], robot.lower, robot.upper)
+        # The best of every goal, then the second best, ...
+        return np.asarray(paths.swapaxes(0, 1).reshape(-1, *paths.shape[2:])[: max(self._chains, len(nearest))])
+
+    def sampler(self, chains: Sequence[FloatArray]) -> TubeSampler:
+        """See `Guide`: the Gaussian tube around the chains."""
+        robot = self._setting.robot
+        return tube_sampler(chains, self._setting.options.tube_sigma(robot), robot.lower, robot.upper)
+
+
+def lifted(robot: Robot, paths: FloatArray) -> tuple[ConfigurationChain, ...]:
+    """Paths (k, m, n) as chains with their keypoints in the workspace."""
+    points = robot.reference_points(paths.reshape(-1, paths.shape[2])).reshape(*paths.shape[:2], 3)
+    return tuple(ConfigurationChain(path, row) for path, row in zip(paths, points, strict=True))

@@ -1,0 +1,90 @@
+"""The three nodes with learned models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bsp_informed_planner_msgs.srv import EstimateKeypoints
+from suite import Suite, gap_scene, point_request, running_suite
+
+from bsp_informed_planner.networks.card import SHIPPED
+from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
+from bsp_informed_planner.nodes.error_codes import ErrorCode
+from bsp_informed_planner.nodes.inference_node import InferenceNode
+from bsp_informed_planner.nodes.planner_node import PlannerNode
+from bsp_informed_planner.scene.maze import MazeProblem, random_maze
+
+
+@pytest.fixture(scope="module")
+def maze() -> MazeProblem:
+    return random_maze(np.random.default_rng(2**50 + 3))
+
+
+@pytest.fixture(scope="module")
+def suite(maze: MazeProblem) -> Iterator[Suite]:
+    with running_suite("point") as suite:
+        suite.add_all()
+        client = suite.client()
+        client.wait_for_nodes(20.0)
+        client.publish_scene(maze.scene)
+        yield suite
+
+
+def request_of(maze: MazeProblem, sampler_id: str) -> object:
+    request = point_request(tuple(maze.goal), sampler_id=sampler_id, planner_id="rrt_star", first_solution=True, seed=3)
+    request.start.position = maze.start.tolist()
+    return request
+
+
+@pytest.mark.parametrize("sampler_id", ["learned", "cvae_shortest_path", "gmm", "keypoint_tube"])
+def test_nodes_plan_with_every_model(suite: Suite, maze: MazeProblem, sampler_id: str) -> None:
+    client = suite.client()
+    client.wait_for_nodes(10.0)
+    response = client.plan(request_of(maze, sampler_id), 10.0)
+    assert response.error_code == ErrorCode.SUCCESS, response.message
+    assert (response.sampler_id, response.fallback_reason) == (sampler_id, "")
+
+
+def test_chains_of_the_service_are_those_of_the_network(suite: Suite, maze: MazeProblem) -> None:
+    client = suite.client()
+    client.wait_for_nodes(10.0)
+    service = client._node.create_client(EstimateKeypoints, "estimate_keypoints")
+    assert client._spin_until(service.service_is_ready, 5.0)
+    request = EstimateKeypoints.Request(
+        start=maze.start.tolist(), goals=maze.goal.tolist(), joints=2, max_chains=4, model="learned"
+    )
+    future = service.call_async(request)
+    assert client._spin_until(future.done, 10.0)
+    answer = future.result()
+    assert (answer.error_code, answer.model, answer.message) == (ErrorCode.SUCCESS, "learned", "")
+    chain = np.array(answer.configurations).reshape(-1, 2)
+    np.testing.assert_array_equal(chain[[0, -1]], [maze.start, maze.goal])
+
+
+def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> None:
+    with running_suite("point") as suite:
+        suite.add(DecompositionNode)
+        suite.add(InferenceNode, model_folder=str(tmp_path))
+        suite.add(PlannerNode)
+        client = suite.client()
+        client.wait_for_nodes(20.0)
+        client.publish_scene(gap_scene(0.8))
+        request = point_request(sampler_id="learned", planner_id="rrt_star", first_solution=True)
+        response = client.plan(request, 10.0)
+        assert response.error_code == ErrorCode.SUCCESS, response.message
+        assert response.sampler_id == "keypoint_tube"
+        assert "no model of kind heatmap" in response.fallback_reason
+
+
+def test_a_damaged_model_fails_the_transition_with_a_sentence(tmp_path: Path) -> None:
+    for name in ("maze_heatmap.json", "maze_heatmap.safetensors"):
+        content = (SHIPPED / name).read_bytes()
+        (tmp_path / name).write_bytes(content if name.endswith("json") else content[:1000])
+    with running_suite("point") as suite:
+        node = suite.add(InferenceNode, model_folder=str(tmp_path), autostart=False)
+        assert not node.get_parameter("autostart").value
+        assert node.trigger_configure().name == "FAILURE"
+        assert "maze_heatmap.safetensors: cannot be read" in node._last_error
