@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -61,7 +62,7 @@ def test_what_is_proved_holds_for_random_trees() -> None:
 
 
 @pytest.mark.parametrize("load", [ur5, panda, tiago])
-def test_what_is_proved_of_the_demo_arms_holds(load: type[ArmRobot]) -> None:
+def test_what_is_proved_of_the_demo_arms_holds(load: Callable[[], ArmRobot]) -> None:
     robot = load()
     pairs = {tuple(pair) for pair in bounds_of(robot).covers.clear_pairs.tolist()}
     groups = group_bodies(robot.collision_model)
