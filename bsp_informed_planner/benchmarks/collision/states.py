@@ -50,7 +50,7 @@ def states_part(quick: bool) -> Part:
 
 def inside_part(quick: bool) -> Part:
     """Configurations whose tool is inside a shelf."""
-    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(2 if quick else 40)]
+    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(2 if quick else 12)]
     return Part("inside", "Inside shelves", cases, measure_inside, summarise_inside, Mode.PARALLEL)
 
 
