@@ -377,7 +377,7 @@ def test_a_link_inside_a_link_collides(arm: ArmRobot) -> None:
     data = create_geometry_data(checker.collision_model)
     names = set()
     for configuration in configurations(arm, 4000, seed=11):
-        if checker._touches(configuration) or checker.is_free(configuration):
+        if checker.touches(configuration) or checker.is_free(configuration):
             continue
         model = arm.model
         assert not pin.computeCollisions(model, model.createData(), checker.collision_model, data, configuration, False)

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bsp_informed_planner_msgs.msg import PlanRequest
 from bsp_informed_planner_msgs.srv import EstimateKeypoints
+from sensor_msgs.msg import JointState
 from suite import Suite, gap_scene, point_request, running_suite
 
 from bsp_informed_planner.networks.card import SHIPPED
@@ -15,6 +17,8 @@ from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
 from bsp_informed_planner.nodes.planner_node import PlannerNode
+from bsp_informed_planner.planning.shelf_problem import random_shelf_problem_with_goals
+from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.scene.maze import MazeProblem, random_maze
 
 
@@ -62,6 +66,27 @@ def test_chains_of_the_service_are_those_of_the_network(suite: Suite, maze: Maze
     assert (answer.error_code, answer.model, answer.message) == (ErrorCode.SUCCESS, "learned", "")
     chain = np.array(answer.configurations).reshape(-1, 2)
     np.testing.assert_array_equal(chain[[0, -1]], [maze.start, maze.goal])
+
+
+def test_nodes_plan_in_a_shelf_with_whole_chains() -> None:
+    arm = ur5()
+    problem, goals = random_shelf_problem_with_goals(arm, np.random.default_rng(2**50))
+    with running_suite("ur5") as suite:
+        suite.add_all()
+        client = suite.client()
+        client.wait_for_nodes(20.0)
+        client.publish_scene(problem.scene)
+        for sampler_id in ("learned", "path_library"):
+            # RRT* asks for guidance at once.
+            request = PlanRequest(planner_id="rrt_star", sampler_id=sampler_id, first_solution=True, seed=1)
+            request.allowed_planning_time = 10.0
+            names = list(arm.joint_names)
+            request.start = JointState(name=names, position=problem.start.tolist())
+            request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in goals]
+            response = client.plan(request, 20.0)
+            assert response.error_code == ErrorCode.SUCCESS, response.message
+            assert (response.sampler_id, response.fallback_reason) == (sampler_id, "")
+            assert len(response.keypoints) == 12
 
 
 def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> None:

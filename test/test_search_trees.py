@@ -13,7 +13,7 @@ from bsp_informed_planner.planning.neighbour_kernels import nearest_rows
 from bsp_informed_planner.planning.path import interpolate, path_length, without_repeats
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
-from bsp_informed_planner.planning.rrt_star import RrtStar, plan_rrt_star
+from bsp_informed_planner.planning.rrt_star import RrtStar, StarResult, plan_rrt_star
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
@@ -212,6 +212,24 @@ def test_the_judge_is_asked_about_what_the_bounds_leave_open() -> None:
     assert alone.solve(uniform_samples(), Budget(60.0, max_samples=300)) is None
 
 
+def test_trees_meet_where_the_bounds_are_undecided() -> None:
+    """The judge's answer puts a node of the goal tree onto the start: that is a meeting, and no further question."""
+    start, goal = np.array([0.5 - RADIUS - 1e-7, 0.5]), np.array([0.2, 0.5])
+    verdicts = ONE_BALL.verdicts()
+    asked: list[FloatArray] = []
+
+    def judge(a: FloatArray, b: FloatArray) -> bool:
+        asked.append(a.copy())
+        return ONE_BALL.is_edge_free(a, b)
+
+    trees = RrtConnect(verdicts, space_of(0, goal, start), 0.3, np.array([True, False]))
+    trees.seed([np.array([start, [0.5, 0.5], goal])])
+    path = trees.solve(uniform_samples(), Budget(20.0, work=1), ask=ASK_ALL, judge=judge, effort=2000)
+    assert path is not None
+    assert path.tolist() == [start.tolist(), goal.tolist()]
+    assert len(asked) == 1
+
+
 def test_budgets_end_searches() -> None:
     closed = wall(gap=-0.2)
     budget = Budget(60.0, max_samples=100)
@@ -309,6 +327,38 @@ def test_fixed_sample_budgets_have_a_history() -> None:
         assert costs[0] == np.inf
         assert costs == sorted(costs, reverse=True)
         assert costs == run(sampler)
+
+
+def test_times_at_milestones() -> None:
+    """Stops on the way change nothing of what is found; where the time is over, there is no time."""
+
+    def run(samples: int, milestones: tuple[int, ...], seconds: float = np.inf) -> StarResult:
+        return plan_rrt_star(
+            ONE_BALL.verdicts(),
+            START,
+            GOAL,
+            samples,
+            lower=LOWER,
+            upper=UPPER,
+            max_step=0.05,
+            rng=np.random.default_rng(7),
+            milestones=milestones,
+            allowed_seconds=seconds,
+        )
+
+    whole, noted = run(2000, ()), run(2000, (100, 500, 2000))
+    assert np.array_equal(whole.costs, noted.costs)
+    assert whole.milestone_seconds.shape == (0,)
+    times = noted.milestone_seconds.tolist()
+    assert times == sorted(times)
+    assert 0.0 < times[0] < times[-1] <= noted.seconds
+    short = run(50_000, (1, 50_000), 0.02)
+    assert short.milestone_seconds[0] < 0.02
+    assert short.milestone_seconds[1] == np.inf
+    assert len(short.costs) < 50_000
+    for wrong in ((500, 100), (3000,)):
+        with pytest.raises(InvalidOptionError, match="milestones"):
+            run(2000, wrong)
 
 
 def test_weights_change_what_is_short() -> None:

@@ -137,7 +137,7 @@ def toppra_duration(path: FloatArray, deviation: float) -> float:
     lengths, points, tangents, bends, _ = blend(path, deviation)
     breaks = np.concatenate(([0.0], np.cumsum(lengths)))
 
-    class Blended(toppra.interpolator.AbstractGeometricPath):  # type: ignore[name-defined, misc]
+    class Blended(toppra.interpolator.AbstractGeometricPath):  # type: ignore[name-defined]
         dof = path.shape[1]
         path_interval = breaks[[0, -1]]
         waypoints = breaks[[0, -1]], path[[0, -1]]

@@ -23,12 +23,12 @@ from bsp_informed_planner.experience.sampler_examples import (
     SceneSamplerExamples,
     SegmentSamplerExamples,
     noisy_states,
-    resampled,
 )
 from bsp_informed_planner.experience.trainable_models import MODELS, Training, prepare_training
 from bsp_informed_planner.experience.training import TrainingOptions, TrainingResult, TrainingState, train
 from bsp_informed_planner.networks.encoding import PlanarDistances, PlanarOccupancy
 from bsp_informed_planner.networks.registry import load_model
+from bsp_informed_planner.sampling.path_shapes import resampled
 from bsp_informed_planner.scene.signed_distance import SignedDistance
 
 QUICK = TrainingOptions(steps=8, batch_size=8, validate_every=4, warmup=2)

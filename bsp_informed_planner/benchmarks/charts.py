@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
+from bsp_informed_planner.benchmarks.statistics import Estimate
 from bsp_informed_planner.scene.pose import FloatArray
 
 DOTS_PER_INCH = 110
@@ -64,6 +65,18 @@ def medians_with_spread(axes: Axes, x: ArrayLike, y: ArrayLike, name: str, colou
     quantiles: FloatArray = np.array([np.quantile(values[at == place], [0.1, 0.5, 0.9]) for place in places])
     axes.fill_between(places, quantiles[:, 0], quantiles[:, 2], color=colour, alpha=0.18, linewidth=0)
     axes.plot(places, quantiles[:, 1], color=colour, marker=marker, markersize=4.5, linewidth=1.6, label=name)
+
+
+def with_intervals(
+    axes: Axes, x: ArrayLike, y: Sequence[Estimate], name: str, colour: str, style: str = "-", marker: str = "o"
+) -> None:
+    """A line through estimates, with bars from end to end of their confidence intervals."""
+    values: FloatArray = np.array([(estimate.value, estimate.low, estimate.high) for estimate in y]).reshape(-1, 3)
+    reach = np.abs(values[:, 1:] - values[:, :1]).T
+    axes.errorbar(
+        np.asarray(x, dtype=np.float64), values[:, 0], yerr=reach, label=name, color=colour, linestyle=style,
+        marker=marker, markersize=3.5, linewidth=1.4, elinewidth=0.9, capsize=2.0,
+    )  # fmt: skip
 
 
 def limit_line(axes: Axes, value: float, text: str, vertical: bool = False) -> None:

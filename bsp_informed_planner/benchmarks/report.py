@@ -86,12 +86,14 @@ class Section:
         blocks: paragraphs, tables and references to pictures, in Markdown.
         figures: pictures by file name.
         numbers: required numbers.
+        findings: sentences that a reader must not miss; they begin the report.
     """
 
     title: str
     blocks: list[str] = field(default_factory=list)
     figures: dict[str, Figure] = field(default_factory=dict)
     numbers: list[RequiredNumber] = field(default_factory=list)
+    findings: list[str] = field(default_factory=list)
 
     def text(self, paragraph: str) -> None:
         self.blocks.append(paragraph)
@@ -107,6 +109,10 @@ class Section:
 
     def require(self, required: RequiredNumber) -> None:
         self.numbers.append(required)
+
+    def find(self, sentence: str) -> None:
+        """A sentence for the top of the report."""
+        self.findings.append(sentence)
 
 
 @dataclass
@@ -145,6 +151,9 @@ class Report:
         parts = [f"# {self.title}", self.introduction]
         if self.state:
             parts.append(f"**{self.state}**")
+        findings = [sentence for section in self.sections for sentence in section.findings]
+        if findings:
+            parts += ["## Findings", "\n".join(f"- {sentence}" for sentence in findings)]
         parts += [
             "Made by",
             f"```sh\n{self.command}\n```",

@@ -96,7 +96,9 @@ def share(successes: int, trials: int) -> Estimate:
     p = successes / trials
     middle = (p + z * z / (2 * trials)) / (1.0 + z * z / trials)
     half = z / (1.0 + z * z / trials) * math.sqrt(p * (1.0 - p) / trials + z * z / (4 * trials * trials))
-    return Estimate(p, max(middle - half, 0.0), min(middle + half, 1.0))
+    # At the ends the interval ends there too, but for rounding.
+    low = 0.0 if successes == 0 else max(middle - half, 0.0)
+    return Estimate(p, low, 1.0 if successes == trials else min(middle + half, 1.0))
 
 
 def growth_exponent(

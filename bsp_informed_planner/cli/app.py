@@ -323,6 +323,43 @@ def collect(
 
 
 @app.command()
+def evaluate(
+    robot: RobotOption = DemoRobot.UR5,
+    quick: Annotated[bool, typer.Option("--quick/--full", help="A few cases, in minutes, or all.")] = False,
+    seed: Annotated[int, typer.Option(help="Of all random cases.", min=0)] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the results; default: out/evaluation-ROBOT. A rerun continues there.")
+    ] = None,
+    models: Annotated[
+        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+    ] = None,
+    controls: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a model of kind path_chains_without_scene.", exists=True, file_okay=False),
+    ] = None,
+) -> None:
+    """Measure what learned guidance is worth, on scenes that no training has seen.
+
+    For a UR5 in shelves, chains, samples and plans, beside exact keypoints, a path library and controls that see less;
+    for a point in mazes, chains and samples. Ends with one line for each number: it holds or falls short.
+    """
+    from rich.console import Console
+
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.guidance.benchmark import guidance_benchmark
+    from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
+    from bsp_informed_planner.benchmarks.runner import run_benchmark
+
+    folder = None if models is None else str(models)
+    if robot is DemoRobot.POINT:
+        benchmark = networks_benchmark(quick, folder)
+    else:
+        benchmark = guidance_benchmark(quick, folder, None if controls is None else str(controls))
+    arguments = BenchmarkArguments(quick, seed, out or Path("out") / f"evaluation-{robot.value}", 1)
+    raise typer.Exit(0 if run_benchmark(benchmark, arguments, Console()) else 130)
+
+
+@app.command()
 def train(
     dataset: Annotated[Path, typer.Argument(help="Folder of a dataset, see `collect`.", exists=True, file_okay=False)],
     out: Annotated[Path, typer.Option(help="Folder of weights, card, checkpoint and TensorBoard curves.")],

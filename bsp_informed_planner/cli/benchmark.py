@@ -37,46 +37,40 @@ def decomposition(
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
 
 
+ModelsOption = Annotated[
+    Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+]
+
+
+@app.command()
+def maze(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    workers: WorkersOption = 2,
+    models: ModelsOption = None,
+) -> None:
+    """The paper's experiment in mazes: RRT* on samples of ours, of the baselines, of controls and bounds."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.maze.benchmark import maze_benchmark
+
+    benchmark = maze_benchmark(quick, None if models is None else str(models))
+    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), workers))
+
+
 @app.command()
 def networks(
     quick: QuickOption = False,
     seed: SeedOption = 0,
     out: OutOption = None,
-    models: Annotated[
-        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
-    ] = None,
+    models: ModelsOption = None,
 ) -> None:
     """Networks: keypoint chains and samples in unseen mazes, beside exact ones and those of other methods."""
     from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
 
     benchmark = networks_benchmark(quick, None if models is None else str(models))
-    # Rows of other models are no rows of these.
-    folder = f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}")
-    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / folder, 1))
-
-
-@app.command()
-def guidance(
-    quick: QuickOption = False,
-    seed: SeedOption = 0,
-    out: OutOption = None,
-    models: Annotated[
-        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
-    ] = None,
-    controls: Annotated[
-        Path | None,
-        typer.Option(help="Folder of a model of kind path_chains_without_scene.", exists=True, file_okay=False),
-    ] = None,
-) -> None:
-    """Learned guidance of an arm: chains, samples and plans, beside exact keypoints, a path library and controls."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
-    from bsp_informed_planner.benchmarks.guidance.benchmark import guidance_benchmark
-
-    folders = [None if folder is None else str(folder) for folder in (models, controls)]
-    benchmark = guidance_benchmark(quick, *folders)
-    folder = f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}")
-    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / folder, 1))
+    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), 1))
 
 
 @app.command()
@@ -99,6 +93,22 @@ def planning(
 
     benchmark = planning_benchmark(quick)
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+
+
+@app.command()
+def shelf(
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    workers: WorkersOption = 2,
+    models: ModelsOption = None,
+) -> None:
+    """The paper's experiment at a shelf: RRT* for an arm on samples of ours, of the baselines, of controls."""
+    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
+    from bsp_informed_planner.benchmarks.shelf.benchmark import shelf_benchmark
+
+    benchmark = shelf_benchmark(quick, None if models is None else str(models))
+    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), workers))
 
 
 @app.command()
@@ -125,6 +135,11 @@ def collision(
 
     benchmark = collision_benchmark(quick)
     _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+
+
+def _folder(benchmark: Benchmark, models: Path | None) -> Path:
+    """Of the results; rows of other models are no rows of these."""
+    return Path("out") / (f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}"))
 
 
 def _run(benchmark: Benchmark, arguments: BenchmarkArguments) -> None:

@@ -341,7 +341,7 @@ _SAMPLER_OPTIONS = TrainingOptions(
 )
 
 _PATH_OPTIONS = TrainingOptions(
-    steps=12000, batch_size=256, learning_rate=1e-3, weight_decay=0.02, warmup=200, validate_every=500
+    steps=4000, batch_size=256, learning_rate=1e-3, weight_decay=0.02, warmup=200, validate_every=250
 )
 
 MODELS: dict[str, TrainableModel] = {
@@ -366,7 +366,11 @@ MODELS: dict[str, TrainableModel] = {
             "whole chains for arms, several at once, which seed the planner's trees (the default)",
             _PATH_OPTIONS,
             _path_chains,
-            (_ONLY_LIKE_ITS_DATA,),
+            (
+                _ONLY_LIKE_ITS_DATA,
+                "Most of what it proposes follows from start and goal: `bsp-planner evaluate --controls` tells what the "
+                "scene adds.",
+            ),
         ),
         TrainableModel(
             PATH_CHAINS + WITHOUT_SCENE,

@@ -36,6 +36,9 @@ class PathChains(nn.Module):
         dropout: share of units that rest in a training step.
     """
 
+    mean: Tensor
+    scale: Tensor
+
     def __init__(
         self,
         condition_size: int,

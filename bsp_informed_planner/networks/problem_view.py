@@ -54,8 +54,9 @@ class ViewOptions:
         Raises:
             InvalidOptionError: if it is none.
         """
+        arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         try:
-            return ViewOptions(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+            return ViewOptions(**arguments)
         except TypeError as error:
             raise InvalidOptionError("encoding", dict(values), "the options of a view of problems") from error
 

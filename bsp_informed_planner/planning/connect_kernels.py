@@ -106,25 +106,28 @@ def _step(
 
 
 @kernel
+def _is_reached(tree: Tree, node: int, target: Floats) -> bool:
+    same = True
+    for i in range(target.shape[0]):
+        same = same and tree.nodes[node, i] == target[i]
+    return same
+
+
+@kernel
 def _connect(
     trees: Trees, which: int, target: Floats, new: Floats, space: Space, checks: Judgement, max_step: float, ask: int
 ) -> int:
     """Step after step from the nearest node of a tree towards a target; the node at the target, or -1."""
     tree = trees.start if which == START else trees.goal
     near = nearest(tree, target, space.weights)
+    # An answer may have brought the trees together: where bounds are undecided, so they are on an edge of no length.
+    if _is_reached(tree, near, target):
+        return near
     while True:
         steps = distance(tree.nodes[near], target, space.weights) / max_step
         near = _step(trees, which, near, target, new, space, checks, max_step, ask)
         if near < 0 or steps <= 1.0:
             return near
-
-
-@kernel
-def _is_reached(tree: Tree, node: int, target: Floats) -> bool:
-    same = True
-    for i in range(target.shape[0]):
-        same = same and tree.nodes[node, i] == target[i]
-    return same
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -238,9 +239,11 @@ class StarResult:
 
     Attributes:
         path: (m, n) the best path, or None.
-        costs: (N,) cost of the best path after each sample, infinite while there is none.
+        costs: (N,) cost of the best path after each sample, infinite while there is none; less than N if the time was
+            over before.
         first_seconds: time to the first path, samples drawn outside of the kernels included; infinite without [s].
         seconds: time of all [s].
+        milestone_seconds: (k,) time to each of the milestones; infinite where the time was over before [s].
         nodes: of the tree.
         valid_samples: samples that became a node.
         edges_checked: how many edges.
@@ -250,6 +253,7 @@ class StarResult:
     costs: Floats
     first_seconds: float
     seconds: float
+    milestone_seconds: Floats
     nodes: int
     valid_samples: int
     edges_checked: int
@@ -271,6 +275,8 @@ def plan_rrt_star(
     informed: bool = False,
     goal_bias: float = GOAL_BIAS,
     weights: Floats | None = None,
+    milestones: Sequence[int] = (),
+    allowed_seconds: float = float("inf"),
 ) -> StarResult:
     """RRT* or RRT with a fixed number of samples from a fixed sampler, as in the experiments of the paper.
 
@@ -290,25 +296,36 @@ def plan_rrt_star(
         informed: draw and keep only what can improve the best path (not in the paper).
         goal_bias: chance of trying to reach a goal instead of a sample, which counts as one.
         weights: (n,) of the joints in lengths; 1 by default.
+        milestones: (k,) ascending numbers of samples, at most N: the time to each is noted.
+        allowed_seconds: ends it earlier [s].
 
     Raises:
-        InvalidOptionError: for more samples than memory allows, or a lambda outside [0, 1].
+        InvalidOptionError: for more samples than memory allows, a lambda outside [0, 1], or milestones that are not
+            ascending or more than N.
     """
     dimension = len(start)
     require_room("samples", samples, dimension)
+    stages = [*milestones, samples]
+    if sorted(stages) != stages:
+        raise InvalidOptionError("milestones", tuple(milestones), f"ascending, at most {samples}")
     begin = time.perf_counter()
     space = new_space(start, goals, lower, upper, rng, weights)
     source = SampleSource(dimension, rng, sampler, uniform_fraction)
     tree = RrtStar(verdicts, space, max_step, rewire=rewire, informed=informed, goal_bias=goal_bias, history=samples)
-    budget = Budget(float("inf"), max_samples=samples)
-    found = tree.solve(source, budget)
-    first_seconds = time.perf_counter() - begin if found is not None else float("inf")
-    tree.solve(source, budget, gain=1.0)
+    budget = Budget(allowed_seconds, max_samples=samples)
+    first_seconds, seconds = float("inf"), []
+    for stage in stages:
+        budget.max_samples = stage
+        if np.isinf(first_seconds) and tree.solve(source, budget) is not None:
+            first_seconds = time.perf_counter() - begin
+        tree.solve(source, budget, gain=1.0)
+        seconds.append(time.perf_counter() - begin if budget.samples >= stage else float("inf"))
     return StarResult(
         tree.best_path(),
         tree.history.copy(),
         first_seconds,
         time.perf_counter() - begin,
+        np.array(seconds[:-1]),
         tree.nodes,
         budget.valid_samples,
         budget.edges_checked,

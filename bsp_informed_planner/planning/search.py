@@ -217,9 +217,11 @@ class Search:
 
     def _guided(self, guidance: Guidance | Callable[[], Guidance]) -> Guidance:
         """The guidance; made when first asked for, by the first worker."""
-        if self._guidance is None and isinstance(guidance, Guidance):
+        if self._guidance is not None:
+            return self._guidance
+        if isinstance(guidance, Guidance):
             self._guidance = guidance
-        elif self._guidance is None:
+        else:
             self._guidance = guidance()
             self.report("searching" if self.incumbent.path is None else "improving")
         return self._guidance

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.certifier import Verdict
@@ -29,12 +31,12 @@ STRAIGHT = 4
 #: Uniform search before guidance is asked for, by default.
 HEAD_START = 300
 #: Search with guidance before edges that the bounds leave open are looked at everywhere.
-GUIDED = 400
+GUIDED = 800
 #: Search with questions about such edges before it begins anew.
-ASKING = 3000
+ASKING = 800
 #: States that the exact judge may look at for one edge at first, later, and in the end: most edges take less than a
 #: hundred, and one that takes many is seldom the only way.
-FIRST_LOOKS, LOOKS, ALL_LOOKS = 64, 1000, 1 << 62
+FIRST_LOOKS, LOOKS, ALL_LOOKS = 300, 1000, 1 << 62
 #: A restart that has not met after so many times the effort of the first path gives up, and at least after so much.
 PATIENCE, LEAST_PATIENCE = 4, 500
 #: Shortcuts tried on a first path, and on each later one.
@@ -96,7 +98,6 @@ class Worker:
         self._rng = rng
         self._incumbent = incumbent
         self.space = new_space(problem.start, problem.goals, *problem.box, rng, incumbent.weights, incumbent.bound)
-        self._unsure = self._verdicts.of_states(self.space.ends) != FREE
         self._uniform = SampleSource(len(problem.start), rng)
         self._mixture = self._uniform
         self._effort = LEAST_PATIENCE
@@ -104,6 +105,11 @@ class Worker:
         self._finished_nodes = 0
         self._trees: RrtConnect | None = None
         self._star: RrtStar | None = None
+
+    @cached_property
+    def _unsure(self) -> NDArray[np.bool_]:
+        """(1 + g,) which of start and goals the bounds leave open."""
+        return self._verdicts.of_states(self.space.ends) != FREE
 
     @property
     def nodes(self) -> int:
@@ -162,14 +168,14 @@ class Worker:
         self._looks = LOOKS
         if path is None and not budget.is_spent() and not is_over():
             path = grow(self._mixture, ASK_ALL, ASKING)
-        effort = ASKING
+        if path is None and not budget.is_spent() and not is_over():
+            path = self._straight(ask=STRAIGHT)
         self._looks = ALL_LOOKS
+        effort = ASKING
         while path is None and not budget.is_spent() and not is_over():
-            path = self._straight(ask=STRAIGHT) if effort == ASKING else None
-            if path is None:
-                self._restart(trees)
-                trees.seed(chains)
-                path = grow(self._mixture, ASK_ALL, effort)
+            self._restart(trees)
+            trees.seed(chains)
+            path = grow(self._mixture, ASK_ALL, effort)
             effort *= 2
         self._effort = max(trees.effort, LEAST_PATIENCE)
         self._looks = LOOKS

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
@@ -67,13 +66,13 @@ class PathProposals:
             raise ModelError(str(file), "a weight is not finite")
         return PathProposals(card, weights, mean, scale)
 
-    def propose(self, conditions: FloatGrid) -> tuple[FloatArray, NDArray[np.float32]]:
+    def propose(self, conditions: FloatGrid) -> tuple[FloatArray, FloatGrid]:
         """Shapes (b, heads, waypoints, n) and logits (b, heads) under conditions (b, c), see `Proposals`."""
-        values = (conditions - self.mean) / self.scale
+        values: FloatGrid = (conditions - self.mean) / self.scale
         for weight, bias in self.weights[:-1]:
             values = np.maximum(values @ weight + bias, 0.0)
         weight, bias = self.weights[-1]
         values = values @ weight + bias
         heads, waypoints, state = (self.card.architecture[key] for key in ("heads", "waypoints", "state_size"))
         shapes = values[:, :-heads].reshape(-1, heads, waypoints, state).astype(np.float64)
-        return shapes, values[:, -heads:]
+        return shapes, np.asarray(values[:, -heads:], dtype=np.float32)

@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
 from bsp_informed_planner.benchmarks.planning.problems import ShelfProblem
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.decomposition.decomposition import decompose
-from bsp_informed_planner.errors import BspPlannerError, KeypointsUnavailableError, ModelUnavailableError
+from bsp_informed_planner.errors import KeypointsUnavailableError, ModelUnavailableError
 from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
@@ -59,8 +58,8 @@ def guides(
 ) -> Mapping[str, MakeGuidance]:
     """What may guide a plan, by a short name; those that need a model which is not there are left out.
 
-    Each has loaded its model and has worked out what it needs of the scene alone, as at a second plan in a scene; the
-    decomposition too, though exact keypoints owe more to it than others.
+    Each has loaded its model, and the scene is decomposed. A caller asks each once before it measures: it has then
+    worked out what it needs of the scene alone, as at a second plan in it.
 
     Args:
         problem: to be planned.
@@ -88,19 +87,19 @@ def guides(
     )
     for name, sampler_id, own in wanted:
         try:
-            found[name] = _asked(make_guide(sampler_id, own), problem)
+            found[name] = _asked(make_guide(sampler_id, own))
         except ModelUnavailableError:
             continue
     if "library" in found:
         found["random"] = _at_random(found["library"], rng)
     if controls is not None:
         find_card(robot(), (KIND,), controls)
-        found["no_scene"] = _asked(make_guide("learned", replace(setting, models=controls)), problem)
+        found["no_scene"] = _asked(make_guide("learned", replace(setting, models=controls)))
     return found
 
 
-def _asked(guide: Guide, problem: ShelfProblem) -> MakeGuidance:
-    """A guide that has been asked once before."""
+def _asked(guide: Guide) -> MakeGuidance:
+    """What a guide answers; nothing, where it has no keypoints."""
 
     def ask(start: FloatArray, goals: FloatArray, checker: CollisionChecker) -> Guidance:
         begin = time.monotonic()
@@ -114,26 +113,18 @@ def _asked(guide: Guide, problem: ShelfProblem) -> MakeGuidance:
 
 def _at_random(library: MakeGuidance, rng: np.random.Generator) -> MakeGuidance:
     """As many paths as the library gives, but shapes of those of other starts and goals."""
-    limits = robot().lower, robot().upper
+    lower, upper = robot().lower, robot().upper
 
     def ask(start: FloatArray, goals: FloatArray, checker: CollisionChecker) -> Guidance:
-        elsewhere = rng.uniform(*(0.5 * limit for limit in limits), (2, robot().dof))
+        elsewhere = rng.uniform(0.5 * lower, 0.5 * upper, (2, robot().dof))
         guidance = library(elsewhere[0], elsewhere[1:], checker)
         share = np.linspace(0.0, 1.0, len(guidance.chains[0].configurations))[:, None]
         line = (1.0 - share) * start + share * goals[0]
         strange = (1.0 - share) * elsewhere[0] + share * elsewhere[1]
         paths = np.array([chain.configurations - strange + line for chain in guidance.chains])
-        paths[:, 1:-1] = np.clip(paths[:, 1:-1], *limits)
+        paths[:, 1:-1] = np.clip(paths[:, 1:-1], lower, upper)
         chains: tuple[ConfigurationChain, ...] = lifted(robot(), paths)
         tube = path_guidance(robot(), np.concatenate(list(paths)))
         return Guidance("random", chains, tube.sampler, seconds=guidance.seconds)
 
     return ask
-
-
-def has_controls(folder: str | None) -> bool:
-    """Whether a folder holds the model of a control."""
-    try:
-        return folder is not None and Path(folder).is_dir() and bool(find_card(robot(), (KIND,), folder))
-    except BspPlannerError:
-        return False

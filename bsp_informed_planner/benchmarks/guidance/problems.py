@@ -8,6 +8,7 @@ import numpy as np
 
 from bsp_informed_planner.benchmarks.guidance.guides import robot
 from bsp_informed_planner.benchmarks.planning.problems import ShelfProblem, draw_solved_problem, seed_of
+from bsp_informed_planner.errors import PlanningFailedError
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import PlanOptions
 from bsp_informed_planner.planning.shelf_problem import random_shelf_problem
@@ -35,7 +36,20 @@ class GuidedProblem:
 
 def draw(rng: np.random.Generator, stratum: str | None) -> GuidedProblem:
     """A random problem of a stratum, see `benchmarks.planning.problems`; None: as they come."""
-    problem = draw_solved_problem(robot(), rng, stratum, _PATIENCE)
-    options = PlanOptions("anytime", "uniform", allowed_seconds=_GOOD, seed=seed_of(rng))
-    best = Planner(robot(), problem.scene).plan(problem.problem, options).path
-    return GuidedProblem(problem, best, random_shelf_problem(robot(), rng).scene)
+    while True:
+        problem = draw_solved_problem(robot(), rng, stratum, _PATIENCE)
+        best = _good_path(problem, seed_of(rng))
+        if best is not None:
+            return GuidedProblem(problem, best, random_shelf_problem(robot(), rng).scene)
+
+
+def _good_path(problem: ShelfProblem, seed: int) -> FloatArray | None:
+    """The best path within a short time, or the first one after a longer time, if there is one."""
+    planner = Planner(robot(), problem.scene)
+    for seconds, first in ((_GOOD, False), (_PATIENCE, True)):
+        options = PlanOptions("anytime", "uniform", allowed_seconds=seconds, first_solution=first, seed=seed)
+        try:
+            return planner.plan(problem.problem, options).path
+        except PlanningFailedError:
+            continue
+    return None

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Row
-from bsp_informed_planner.benchmarks.networks.maze_world import ChainVerdict, MazeWorld
+from bsp_informed_planner.benchmarks.maze.world import ChainVerdict, MazeWorld
 from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
 from bsp_informed_planner.benchmarks.statistics import Estimate, column, median, share
 from bsp_informed_planner.errors import ModelUnavailableError
@@ -30,7 +30,7 @@ def chains_part(quick: bool, models: str | None) -> Part:
 
 def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     """Judges the chains of all estimators in one maze."""
-    world = MazeWorld(rng)
+    world = MazeWorld.random(rng)
     row: dict[str, object] = {}
     exact = world.judge(world.exact_chain, True)
     _add(row, "exact", exact)

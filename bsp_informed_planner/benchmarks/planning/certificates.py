@@ -33,7 +33,7 @@ PATHS = ("found", "simplified")
 
 def certificates_part(quick: bool) -> Part:
     """Verdicts on OMPL's paths."""
-    cases: list[Parameters] = [{} for _ in range(6 if quick else 60)]
+    cases: list[Parameters] = [{} for _ in range(6 if quick else 40)]
     skipped = "" if has_ompl() else "ompl is not installed"
     title = "Paths that were checked at discrete states"
     return Part("certificates", title, cases, measure, summarise, Mode.PARALLEL, skipped)

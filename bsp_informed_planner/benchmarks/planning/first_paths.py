@@ -11,9 +11,11 @@ from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Ro
 from bsp_informed_planner.benchmarks.charts import COLOURS, label, legend_below, limit_line, logarithmic, new_figure
 from bsp_informed_planner.benchmarks.machine import pinned
 from bsp_informed_planner.benchmarks.planning.methods import (
+    PHASES,
     Run,
     in_random_order,
     methods,
+    planner_of,
     robot,
     warm_up,
     workers,
@@ -52,7 +54,7 @@ QUANTILES = (0.25, 0.5, 0.75, 0.9, 0.95)
 
 def first_paths_part(quick: bool) -> Part:
     """Times to first verified paths, on problems as they come and on more hard ones."""
-    any_count, hard_count = (10, 3) if quick else (150, 40)
+    any_count, hard_count = (10, 3) if quick else (100, 30)
     cases: list[Parameters] = [{"stratum": stratum} for stratum in [""] * any_count + ["hard"] * hard_count]
     return Part("first", "Time to the first verified path", cases, measure, summarise, Mode.ALONE)
 
@@ -64,6 +66,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         problem = draw_problem(robot(), rng, wanted)
         warm_up(problem)
         row: dict[str, Any] = {"stratum": problem.stratum, "as_they_come": wanted is None, "draws": problem.draws}
+        row["decomposition"] = planner_of(problem).decomposition.timings.total_seconds
         seed = seed_of(rng)
         available = methods()
         for name in in_random_order([name for name in METHODS if name in available], rng):
@@ -71,6 +74,9 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             first = history.first(LIMIT)
             row[name] = first if np.isfinite(first) else None
             row[f"{name}_certified"] = history.certified
+            if name == METHODS[0]:
+                row["phases"] = [round(seconds, 7) for seconds in history.phases]
+                row["exact_checks"] = history.exact_checks
     return row
 
 
@@ -101,6 +107,7 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
     header = ["", "problems", f"solved of what anything solves in {LIMIT:g} s [%]", "median [ms]", "90 %", "99 %"]
     section.table(header, table)
     _compare(by_group, names, section, rng)
+    _break_down(by_group, section)
     _require(by_group, names, section, rng)
     _draw(by_group, names, section)
 
@@ -120,8 +127,9 @@ def _explain(rows: Sequence[Row], by_group: Mapping[str, list[Row]], section: Se
         f"samples: {hard} of {len(as_they_come)} as they came; timed, the median of RRT-Connect was here: "
         f"{', '.join(texts)}. {unsolved} of {len(rows)} problems, which nothing solved, are left out. Times are "
         "wall-clock times from the request to the first path that has passed the last check, on one processor; "
-        "decompositions are included, what happens once for each scene or process (loading it, making checkers, "
-        f"compiling) is not. A method without a path after {LIMIT:g} s has failed: failures count in quantiles as "
+        "what happens once for each scene or process (loading and decomposing it, making checkers, compiling) is not "
+        f"included; the decomposition took {_median_ms(rows, 'decomposition')} ms (median). "
+        f"A method without a path after {LIMIT:g} s has failed: failures count in quantiles as "
         "infinite times, and `inf` means that too many failed. OMPL's planner searches on the same checker, bounds "
         "first, and with the same longest step as ours, in a process of its own on the same processor."
     )
@@ -144,6 +152,23 @@ def _compare(
                 table.append([f"{group}: {TITLES[name]}", len(both), ratio, _percent(sooner)])
     section.text(f"Time of {TITLES[names[0]]} relative to the others, on the problems that both solve:")
     section.table(["", "problems", "ratio (geometric mean)", "sooner [%]"], table)
+
+
+def _break_down(by_group: Mapping[str, list[Row]], section: Section) -> None:
+    """Where the time of ours goes, of all problems and of those that take longest."""
+    table: list[list[object]] = []
+    for group, own in by_group.items():
+        found = sorted((row for row in own if row.get("phases")), key=lambda row: float(row[METHODS[0]]))
+        for name, some in ((group, found), (f"{group}, the slowest tenth", found[-max(len(found) // 10, 1) :])):
+            if some:
+                phases = 1e3 * np.array([row["phases"] for row in some]).mean(axis=0)
+                checks = float(np.mean([row["exact_checks"] for row in some]))
+                table.append([name, len(some), *(number(float(phase)) for phase in phases), number(checks)])
+    section.text(
+        f"Where the time of {TITLES[METHODS[0]]} goes until there is a path, on average; and how many configurations "
+        "the exact judge looks at in the whole plan, shortening and timing included:"
+    )
+    section.table(["", "problems", *(f"{phase} [ms]" for phase in PHASES), "exact checks"], table)
 
 
 def _require(
@@ -190,6 +215,10 @@ def _require(
                 share(sum(certified), len(certified)).scaled(100.0), "reported", unit="%",
             )
         )  # fmt: skip
+
+
+def _median_ms(rows: Sequence[Row], name: str) -> str:
+    return number(1e3 * float(np.median([row[name] for row in rows])))
 
 
 def _quantile(rows: Sequence[Row], name: str, q: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -28,6 +28,8 @@ from bsp_informed_planner.sampling.path_guide import path_guidance
 
 logger = logging.getLogger(__name__)
 
+#: What happens before a first path, in this order.
+PHASES = ("validation", "uniform search", "guidance", "guided search")
 #: The planner keeps at most this much of its time for what follows the search [s].
 RESERVE = 0.4
 
@@ -40,11 +42,15 @@ class History:
         seconds: after which a better path was verified, from the beginning of the plan, ascending [s].
         costs: of these paths, descending.
         certified: whether the path that was returned is proved free, its timing included; None without a path.
+        phases: time spent in each of `PHASES` up to the first path [s].
+        exact_checks: configurations given to the exact judge.
     """
 
     seconds: tuple[float, ...] = ()
     costs: tuple[float, ...] = ()
     certified: bool | None = None
+    phases: tuple[float, ...] = ()
+    exact_checks: int = 0
 
     def cost_at(self, seconds: float) -> float:
         """Of the best path verified by then; infinite without one."""
@@ -97,7 +103,7 @@ def has_ompl() -> bool:
 
 
 def planner_of(problem: ShelfProblem, threads: int = 1) -> Planner:
-    """A planner that has loaded the scene and made its checkers, but has not decomposed it."""
+    """A planner that has loaded and decomposed the scene and made its checkers."""
     planner = Planner(robot(), problem.scene, ompl_workers=workers())
     planner.get_ready(threads)
     return planner
@@ -105,13 +111,9 @@ def planner_of(problem: ShelfProblem, threads: int = 1) -> Planner:
 
 def _plan(
     planner: Planner, run: Run, guidance: Guidance | None = None, **options: str | float | bool | int
-) -> tuple[PlanResult | None, float]:
-    """A result, or None, and when its search began: after start and goals had been validated [s]."""
-    begins: list[float] = []
-
-    def on_progress(progress: Progress) -> None:
-        if progress.phase not in ("validating", "done"):
-            begins.append(progress.elapsed_seconds)
+) -> tuple[PlanResult | None, list[Progress]]:
+    """A result, or None, and how it came to be."""
+    told: list[Progress] = []
 
     chosen = {
         "allowed_seconds": run.seconds + RESERVE,
@@ -124,17 +126,36 @@ def _plan(
             run.problem.problem,
             PlanOptions(**chosen),  # type: ignore[arg-type]
             guidance=guidance,
-            on_progress=on_progress,
+            on_progress=told.append,
         )
     except (PlanningTimeoutError, SamplesExhaustedError):
-        return None, 0.0
+        return None, told
     except (PlanningFailedError, TrajectoryTimingError) as error:
         logger.warning("counted as a failure: %s", error)
-        return None, 0.0
-    return result, begins[0]
+        return None, told
+    return result, told
 
 
-def _history(result: PlanResult | None, run: Run) -> History:
+def _search_began(told: Sequence[Progress]) -> float:
+    """When a search began: after start and goals had been validated [s]."""
+    return next((progress.elapsed_seconds for progress in told if progress.phase != "validating"), 0.0)
+
+
+def phases_until(told: Sequence[Progress], end: float) -> tuple[float, ...]:
+    """Time in each of `PHASES` up to some time [s]."""
+    spent = dict.fromkeys(PHASES, 0.0)
+    name = PHASES[0]
+    times = [*(min(progress.elapsed_seconds, end) for progress in told), end]
+    for progress, begin, until in zip(told, times[:-1], times[1:], strict=True):
+        if progress.phase == "guidance":
+            name = PHASES[2]
+        elif progress.phase != "validating":
+            name = PHASES[3] if name in PHASES[2:] else PHASES[1]
+        spent[name] += until - begin
+    return tuple(spent.values())
+
+
+def _history(result: PlanResult | None, run: Run, told: Sequence[Progress] = ()) -> History:
     if result is None:
         return History()
     pairs = [
@@ -142,20 +163,24 @@ def _history(result: PlanResult | None, run: Run) -> History:
         for seconds, cost in zip(result.cost_history.seconds, result.cost_history.costs, strict=True)
         if seconds <= run.seconds
     ]
-    return History(tuple(s for s, _ in pairs), tuple(c for _, c in pairs), result.certified if pairs else None)
+    if not pairs:
+        return History()
+    seconds, costs = (tuple(values) for values in zip(*pairs, strict=True))
+    phases = phases_until(told, seconds[0])
+    return History(seconds, costs, result.certified, phases, result.statistics.exact_checks)
 
 
 def _planner(planner_id: str, sampler_id: str = "uniform") -> Callable[[Run], History]:
     def plan(run: Run) -> History:
         # What a simplification finds is no first path.
-        result, _ = _plan(
+        result, told = _plan(
             planner_of(run.problem),
             run,
             planner_id=planner_id,
             sampler_id=sampler_id,
             ompl_simplify=not run.first_solution,
         )
-        return _history(result, run)
+        return _history(result, run, told)
 
     return plan
 
@@ -179,8 +204,8 @@ def tube_around_path(run: Run) -> History:
         return first
     spent = first.seconds[0]
     rest = Run(run.problem, run.seed + 1, run.seconds - spent, False)
-    guided, begin = _plan(planner, rest, path_guidance(robot(), result.path))
-    later = _history(guided, rest)
+    guided, told = _plan(planner, rest, path_guidance(robot(), result.path))
+    begin, later = _search_began(told), _history(guided, rest)
     better = [(spent + s - begin, c) for s, c in zip(later.seconds, later.costs, strict=True) if c < first.costs[0]]
     return History(
         first.seconds[:1] + tuple(s for s, _ in better),
@@ -202,11 +227,10 @@ def restarts(run: Run) -> History:
     spent, seed = 0.0, run.seed
     while spent < run.seconds:
         left = Run(run.problem, seed, run.seconds - spent, True)
-        result, begin = _plan(planner, left, planner_id="rrt_connect", sampler_id="uniform")
+        result, told = _plan(planner, left, planner_id="rrt_connect", sampler_id="uniform")
         if result is None:
             break
-        if not costs:
-            begin = 0.0
+        begin = _search_began(told) if costs else 0.0
         better = not costs or result.cost < costs[-1]
         spent += result.cost_history.seconds[-1] - begin
         spent -= 0.0 if better else result.statistics.verification_seconds

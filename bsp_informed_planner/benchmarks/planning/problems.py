@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,8 @@ _PATIENCE = 30.0
 #: Problems drawn in search of one of a stratum.
 _MOST_DRAWS = 500
 STRATA = ("easy", "hard")
+#: Draws a scene, and a problem in it that need not have a solution.
+Draw = Callable[[Robot, np.random.Generator], tuple[Scene, PlanningProblem]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +32,8 @@ class ShelfProblem:
     """One problem.
 
     Attributes:
-        scene: a shelf.
-        problem: a start, and the goal pose of the tool.
+        scene: a shelf, or what else was drawn.
+        problem: a start, and the goal pose of the tool, or one configuration.
         stratum: "easy" or "hard".
         draws: how many problems were drawn to find it.
     """
@@ -50,27 +53,37 @@ def seed_of(rng: np.random.Generator) -> int:
     return int(rng.integers(2**32))
 
 
-def draw_problem(robot: Robot, rng: np.random.Generator, stratum: str | None = None) -> ShelfProblem:
+def draw_shelf(robot: Robot, rng: np.random.Generator) -> tuple[Scene, PlanningProblem]:
+    """A problem at a random shelf."""
+    drawn = random_shelf_problem(robot, rng)
+    return drawn.scene, PlanningProblem(drawn.start, [PoseGoal(drawn.goal_poses[0])])
+
+
+def draw_problem(
+    robot: Robot, rng: np.random.Generator, stratum: str | None = None, draw: Draw = draw_shelf
+) -> ShelfProblem:
     """A random problem; it need not have a solution.
 
     Args:
         robot: an arm.
         rng: generator; the seeds of the classification are drawn from it, and are others than those of later runs.
         stratum: None: any, as they come.
+        draw: where problems come from.
 
     Raises:
         PlanningFailedError: if there is no problem of that stratum among many.
     """
     for draws in range(1, _MOST_DRAWS + 1):
-        drawn = random_shelf_problem(robot, rng)
-        problem = PlanningProblem(drawn.start, [PoseGoal(drawn.goal_poses[0])])
-        found = _classify(Planner(robot, drawn.scene), problem, rng)
+        scene, problem = draw(robot, rng)
+        found = _classify(Planner(robot, scene), problem, rng)
         if stratum in (None, found):
-            return ShelfProblem(drawn.scene, problem, found, draws)
+            return ShelfProblem(scene, problem, found, draws)
     raise PlanningFailedError(f"none of {_MOST_DRAWS} problems is {stratum}")
 
 
-def draw_solved_problem(robot: Robot, rng: np.random.Generator, stratum: str | None, seconds: float) -> ShelfProblem:
+def draw_solved_problem(
+    robot: Robot, rng: np.random.Generator, stratum: str | None, seconds: float, draw: Draw = draw_shelf
+) -> ShelfProblem:
     """A random problem with a single goal configuration, which RRT-Connect reaches from the start.
 
     Where a pose has many configurations, planners may reach different ones, and costs compare the choice of a goal as
@@ -78,11 +91,11 @@ def draw_solved_problem(robot: Robot, rng: np.random.Generator, stratum: str | N
     not reach it: there, nobody could find anything better.
 
     Args:
-        robot, rng, stratum: see `draw_problem`; the stratum is that of the problem with the pose.
+        robot, rng, stratum, draw: see `draw_problem`; the stratum is that of the problem with the pose.
         seconds: patience of RRT-Connect [s].
     """
     while True:
-        drawn = draw_problem(robot, rng, stratum)
+        drawn = draw_problem(robot, rng, stratum, draw)
         options = _rrt_connect(seed_of(rng), seconds)
         planner = Planner(robot, drawn.scene)
         try:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from bsp_informed_planner.collision.exact import ExactChecker
+from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.decomposition.decomposition import Decomposition, decompose
 from bsp_informed_planner.decomposition.graph import has_line_of_sight, shortest_chain
 from bsp_informed_planner.decomposition.options import DecompositionOptions
@@ -58,28 +58,42 @@ class ChainVerdict:
 
 
 class MazeWorld:
-    """A random maze and its problem.
+    """A maze and its problem. What is derived from them is made when first asked for.
 
     Args:
-        rng: source of randomness.
+        maze: the maze.
+        checker: of its scene; None: one of its own.
     """
 
     robot = PointRobot()
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.maze = random_maze(rng)
-        self.scene = self.maze.scene
-        self.decomposition = decompose(self.scene, FLAT)
-        self.start, self.goal = self.maze.start, self.maze.goal
+    def __init__(self, maze: MazeProblem, checker: BoundedChecker | None = None) -> None:
+        self.maze = maze
+        self.scene = maze.scene
+        self.start, self.goal = maze.start, maze.goal
+        self.checker = checker or BoundedChecker(self.robot, self.scene)
 
-    @property
-    def setting(self) -> GuideSetting:
-        """For guides, with the models that come with the package."""
-        return GuideSetting(self.robot, self.scene, lambda: self.decomposition)
+    @staticmethod
+    def random(rng: np.random.Generator) -> MazeWorld:
+        """A random maze."""
+        return MazeWorld(random_maze(rng))
+
+    def afresh(self) -> MazeWorld:
+        """The same maze with nothing derived from it but the checker: to time what guidance takes."""
+        return MazeWorld(self.maze, self.checker)
 
     @cached_property
-    def checker(self) -> ExactChecker:
-        return ExactChecker(self.robot, self.scene)
+    def decomposition(self) -> Decomposition:
+        return decompose(self.scene, FLAT)
+
+    def setting(self, seed: int = 0, models: str | None = None) -> GuideSetting:
+        """For guides.
+
+        Args:
+            seed: of guides that draw chains.
+            models: folder of models; None: those that come with the package.
+        """
+        return GuideSetting(self.robot, self.scene, lambda: self.decomposition, models=models, seed=seed)
 
     @cached_property
     def distance(self) -> SignedDistance:
