@@ -27,11 +27,11 @@ def main() -> None:
         if (SHIPPED / f"{key}.npz").is_file():
             logger.info("%s: its covers are there", robot.name)
             continue
-        path = save_covers(key, load_covers(key) or build_covers(robot), SHIPPED)
-        if path is not None:
+        saved = save_covers(key, load_covers(key) or build_covers(robot), SHIPPED)
+        if saved is not None:
             # Temporary files are for their owner only; a package is for everybody.
-            path.chmod(0o644)
-        logger.info("%s: %s", robot.name, path)
+            saved.chmod(0o644)
+        logger.info("%s: %s", robot.name, saved)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ RAY = (0.8128, 0.3793, 0.4422)
 
 
 @kernel
-def doubled(rows: Floats) -> Floats:
+def doubled(rows: np.ndarray) -> np.ndarray:
     """A copy of an array (n, m) with room for as many rows again."""
     grown = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
     for i in range(rows.shape[0]):

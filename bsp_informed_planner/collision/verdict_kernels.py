@@ -9,6 +9,8 @@ Source of the enlarged radii and of the bound of accelerations: see `place_spher
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from bsp_informed_planner.collision.check_arrays_kernels import LANES, STOP, SURELY, SWEPT, Checks, Lanes
@@ -27,6 +29,8 @@ INTERVALS = LANES - 1
 MOST_SETS = 48
 # An edge begins with sets of intervals in which no point moves further than this, if need be several [m].
 LONGEST_INTERVAL = 0.1
+# No interval is left yet. (numba compiles a kernel once more for each literal integer, but not for this.)
+NONE_YET: Any = np.int64(0)
 
 
 @kernel(inline="always")
@@ -126,7 +130,7 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, stored: object, lef
     """
     robot, scratch = checks.robot, checks.scratch
     if not (is_within(start, robot.lower, robot.upper) and is_within(end, robot.lower, robot.upper)):
-        return UNDECIDED, leave(left, np.int64(0), 0.0, 1.0)
+        return UNDECIDED, leave(left, NONE_YET, 0.0, 1.0)
     step = scratch.step
     motion = 0.0
     for i in range(robot.lower.shape[0]):

@@ -21,7 +21,7 @@ from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE, UNDECIDED
 from bsp_informed_planner.collision.verdicts import Verdicts
 
-QUICK_EDGES, FULL_EDGES = 1500, 100_000
+QUICK_EDGES, FULL_EDGES = 900, 100_000
 EDGES_OF_A_CASE = 100
 # No point of the robot moves further between states that the judge looks at; finer for some, and finest where the
 # kernels say that an edge collides and the judge has found nothing [m].

@@ -26,7 +26,7 @@ STATES, EDGES, EDGES_OF_COAL = 600, 200, 8
 
 def speed_part(quick: bool) -> Part:
     """Times in shelves."""
-    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(2 if quick else 6)]
+    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(1 if quick else 6)]
     return Part("speed", "Time of a verdict", cases, measure, summarise, Mode.ALONE)
 
 

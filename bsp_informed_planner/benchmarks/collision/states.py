@@ -26,7 +26,7 @@ from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
-QUICK_STATES, FULL_STATES = 30_000, 1_000_000
+QUICK_STATES, FULL_STATES = 27_000, 1_000_000
 STATES_OF_A_CASE = 2000
 OPEN_LIMIT, INSIDE_LIMIT = 95.0, 85.0
 PADDINGS = (0.0, 0.0, 0.005, 0.03)
@@ -50,7 +50,7 @@ def states_part(quick: bool) -> Part:
 
 def inside_part(quick: bool) -> Part:
     """Configurations whose tool is inside a shelf."""
-    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(2 if quick else 12)]
+    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(1 if quick else 12)]
     return Part("inside", "Inside shelves", cases, measure_inside, summarise_inside, Mode.PARALLEL)
 
 
