@@ -82,7 +82,7 @@ def draw_situation(
             continue
         seconds = corridor.statistics.first_solution_seconds
         best = _best_path(planner, problem, corridor.path, rng)
-        return problem, Situation(problem.scene, other, *ends, checker, corridor.path, seconds, best)
+        return problem, Situation(problem.scene, other, ends[0], ends[1], checker, corridor.path, seconds, best)
 
 
 def _best_path(planner: Planner, problem: ShelfProblem, known: FloatArray, rng: np.random.Generator) -> FloatArray:
