@@ -37,8 +37,9 @@ logger = logging.getLogger(__name__)
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 KERNEL_FILES = "*kernels*.py"
-# `error_model="numpy"`: no branch for division by zero, so loops vectorise.
-_DEFAULTS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+# `error_model="numpy"`: no branch for division by zero, so loops vectorise. `no_cfunc_wrapper`: kernels are not passed
+# on as values, and a wrapper for that takes time to compile.
+_DEFAULTS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _config_lock = threading.Lock()
 
 

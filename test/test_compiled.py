@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
 import os
 import subprocess
@@ -160,8 +161,14 @@ def test_compile_kernels_reports_each_part(monkeypatch: pytest.MonkeyPatch) -> N
     part = "decomposition"
     monkeypatch.setattr(compile_kernels, "WARM_UPS", {part: compile_kernels.WARM_UPS[part]})
     lines: list[str] = []
-    assert compile_kernels.compile_kernels(lines.append) > 0.0
-    assert [line.split()[0] for line in lines] == [f"{part}:", "all"]
+    thresholds = gc.get_threshold()
+    assert compile_kernels.compile_kernels(lines.append, [part]) > 0.0
+    assert [line.split()[0] for line in lines] == [f"{part}:"]
+    assert gc.get_threshold() == thresholds
+
+
+def test_every_part_is_compiled_by_one_process() -> None:
+    assert sorted(part for share in compile_kernels.SHARES for part in share) == sorted(compile_kernels.WARM_UPS)
 
 
 def test_warm_up_functions_exist() -> None:

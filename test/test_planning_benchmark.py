@@ -158,7 +158,8 @@ def test_guidance_by_a_path() -> None:
 
 
 def first_row(stratum: str, keypoints: float | None, uniform: float | None) -> dict[str, Any]:
-    row = {"stratum": stratum, "as_they_come": True, "draws": 1, "keypoints": keypoints, "uniform": uniform}
+    row = {"stratum": stratum, "as_they_come": True, "draws": 1, "decomposition": 1e-3}
+    row |= {"keypoints": keypoints, "uniform": uniform}
     return row | {"keypoints_certified": True, "uniform_certified": True}
 
 
@@ -222,13 +223,14 @@ def test_costs_are_paired() -> None:
 
 def test_threads_are_paired() -> None:
     rows: list[dict[str, Any]] = [
-        {"stratum": "easy", "first_1": 0.004, "first_2": 0.002, "cost_1": 4.0, "cost_2": 3.8},
-        {"stratum": "easy", "first_1": 0.001, "first_2": 0.002, "cost_1": 4.0, "cost_2": None},
-        {"stratum": "hard", "first_1": None, "first_2": 0.9, "cost_1": None, "cost_2": None},
+        {"stratum": "easy", "first_one": 0.004, "first_two": 0.002, "cost_one": 4.0, "cost_two": 3.8},
+        {"stratum": "easy", "first_one": 0.001, "first_two": 0.002, "cost_one": 4.0, "cost_two": None},
+        {"stratum": "hard", "first_one": None, "first_two": 0.9, "cost_one": None, "cost_two": None},
     ]
+    rows = [row | {"first_beside": row["first_one"], "cost_beside": None} for row in rows]
     found = numbers(threads.summarise, rows)
-    assert found["time to the first path by two threads relative to one, easy"].value == pytest.approx(1.0)
-    assert found["cost after 0.1 s by two threads relative to one, easy"].value == pytest.approx(0.95)
+    assert found["time to the first path, two threads relative to one, easy"].value == pytest.approx(1.0)
+    assert found["cost after 0.1 s, two threads relative to one, easy"].value == pytest.approx(0.95)
     assert not any(name.endswith("hard") for name in found)
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from ball_scene import ROBOT, Balls
 
 from bsp_informed_planner.collision.bounds import bounds_of
-from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE, UNDECIDED, _empty_checks
-from bsp_informed_planner.collision.verdicts import Verdicts
+from bsp_informed_planner.collision.stored_checks_kernels import empty_checks
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE, UNDECIDED
 from bsp_informed_planner.pointer_kernels import type_of
 
 BALLS = Balls(np.array([[0.5, 0.5], [0.2, 0.8]]), np.array([0.2, 0.1]))
@@ -13,7 +13,7 @@ BALLS = Balls(np.array([[0.5, 0.5], [0.2, 0.8]]), np.array([0.2, 0.1]))
 
 def test_stored_checks_have_the_type_of_real_ones() -> None:
     """Else what is called by address would read nonsense."""
-    assert type_of(bounds_of(ROBOT).checks(BALLS.scene)) == type_of(_empty_checks())
+    assert type_of(bounds_of(ROBOT).checks(BALLS.scene)) == type_of(empty_checks())
 
 
 def test_verdicts_are_right() -> None:
@@ -39,11 +39,3 @@ def test_what_is_left_of_an_edge_holds_all_that_is_not_free() -> None:
     if code == UNDECIDED:
         assert (left[:, 0] < left[:, 1]).all()
         assert any(low <= 0.5 <= high for low, high in left)
-
-
-def test_hits_are_undecided_where_bodies_may_touch_that_the_checks_do_not_know_of() -> None:
-    inside = np.array([[0.5, 0.5]])
-    checks = bounds_of(ROBOT).checks(BALLS.scene)
-    assert Verdicts(checks).of_states(inside).tolist() == [COLLIDING]
-    assert Verdicts(checks, sure_hits=False).of_states(inside).tolist() == [UNDECIDED]
-    assert Verdicts(checks, sure_hits=False).of_edge(inside[0], np.array([0.9, 0.9]))[0] == UNDECIDED

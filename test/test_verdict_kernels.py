@@ -16,16 +16,8 @@ from bsp_informed_planner.collision.bounds import CollisionBounds, bounds_of, bu
 from bsp_informed_planner.collision.cover import CoverOptions
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.sharpening import SharpeningOptions
-from bsp_informed_planner.collision.verdict_kernels import (
-    COLLIDING,
-    FREE,
-    UNDECIDED,
-    edge_verdict,
-    examine_edge,
-    place_robot,
-    state_verdict,
-    state_verdicts,
-)
+from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, UNDECIDED, place_edge
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.arm import ArmRobot, load_arm
 from bsp_informed_planner.robots.demo_arms import ur5
@@ -108,8 +100,7 @@ def count_contradictions(
 ) -> np.ndarray:
     """(2, 3) how many states that are in collision, or not, have which verdict; free but colliding, or so, fails."""
     checks, judge = bounds.checks(scene, padding), ExactChecker(robot, scene, padding=padding)
-    verdicts = np.empty(len(states), dtype=np.int64)
-    state_verdicts(states, checks, verdicts)
+    verdicts = Verdicts(checks).of_states(states)
     free = np.array([judge.is_free(state) for state in states])
     assert not (verdicts[~free] == FREE).any()
     assert not (verdicts[free] == COLLIDING).any()
@@ -137,12 +128,12 @@ def test_frames_are_pinocchios(seed: int, joints: int) -> None:
     bounds = CollisionBounds(robot, groups, build_covers(robot, COARSE, SharpeningOptions(rounds=0)))
     checks = bounds.checks(Scene.of([], BOUNDS))
     start, end = rng.uniform(robot.lower, robot.upper, (2, joints))
-    place_robot(start, end - start, 0.0, 1.0 / 15.0, checks)
+    place_edge(start, end - start, 0.0, 1.0 / 15.0, checks)
     data = robot.model.createData()
     tree = bounds.arrays.outer
     for lane in (0, 7, 15):
         pin.forwardKinematics(robot.model, data, start + lane / 15.0 * (end - start))
-        for group, cover in enumerate(build_covers(robot, COARSE, SharpeningOptions(rounds=0))):
+        for group, cover in enumerate(bounds.covers.covers):
             joint = int(groups.joints[group])
             frame = checks.scratch.frames[joint].reshape(12, -1)[:, lane].astype(np.float64)
             first = tree.spheres[tree.roots[group], :3].astype(np.float64)
@@ -180,29 +171,45 @@ def test_every_shape_against_the_judge(arm: ArmRobot, arm_bounds: CollisionBound
 
 def test_single_states_and_batches_agree(arm: ArmRobot, arm_bounds: CollisionBounds) -> None:
     rng = np.random.default_rng(1)
-    checks = arm_bounds.checks(scattered(rng, every_shape(rng)))
+    checker = Verdicts(arm_bounds.checks(scattered(rng, every_shape(rng))))
     states = rng.uniform(-np.pi, np.pi, (333, 6))
-    verdicts = np.empty(len(states), dtype=np.int64)
-    state_verdicts(states, checks, verdicts)
-    single = [state_verdict(state, checks) for state in states]
+    verdicts = checker.of_states(states)
+    single = [checker.of_state(state) for state in states]
     # Sums in another order may decide otherwise within rounding.
     assert (verdicts != single).sum() <= 2
     assert set(single) == {FREE, COLLIDING, UNDECIDED}
 
 
 def test_what_is_not_a_number_is_undecided(arm: ArmRobot, arm_bounds: CollisionBounds) -> None:
-    checks = arm_bounds.checks(Scene.of([], BOUNDS))
+    verdicts = Verdicts(arm_bounds.checks(Scene.of([], BOUNDS)))
     good = np.array([0.0, -1.0, 1.0, 0.0, 0.0, 0.0])
-    assert state_verdict(good, checks) == FREE
+    assert verdicts.of_state(good) == FREE
     for value in (np.nan, np.inf):
         bad = good.copy()
         bad[2] = value
-        assert state_verdict(bad, checks) == UNDECIDED
-        assert edge_verdict(good, bad, checks) == UNDECIDED
-        states = np.array([good, bad, good])
-        verdicts = np.empty(3, dtype=np.int64)
-        state_verdicts(states, checks, verdicts)
-        assert verdicts.tolist() == [FREE, UNDECIDED, FREE]
+        assert verdicts.of_state(bad) == UNDECIDED
+        for edge in ((good, bad), (bad, good)):
+            code, left = verdicts.of_edge(*edge)
+            assert code == UNDECIDED
+            assert left.tolist() == [[0.0, 1.0]]
+        assert verdicts.of_states(np.array([good, bad, good])).tolist() == [FREE, UNDECIDED, FREE]
+
+
+def test_outside_of_the_limits_nothing_is_said(arm: ArmRobot, arm_bounds: CollisionBounds) -> None:
+    verdicts = Verdicts(arm_bounds.checks(Scene.of([], BOUNDS)))
+    good = np.array([0.0, -1.0, 1.0, 0.0, 0.0, 0.0])
+    for joint in range(6):
+        for limit, sign in ((arm.lower, -1.0), (arm.upper, 1.0)):
+            at, beyond = good.copy(), good.copy()
+            at[joint] = limit[joint]
+            beyond[joint] = limit[joint] + sign * 0.01
+            assert verdicts.of_state(at) == verdicts.of_states(np.array([at]))[0]
+            assert verdicts.of_state(beyond) == UNDECIDED
+            assert verdicts.of_edge(at, beyond)[0] == UNDECIDED
+
+
+def test_no_states(arm: ArmRobot, arm_bounds: CollisionBounds) -> None:
+    assert Verdicts(arm_bounds.checks(Scene.of([], BOUNDS))).of_states(np.empty((0, 6))).shape == (0,)
 
 
 def test_certified_edges_are_free_however_densely_checked(arm: ArmRobot, arm_bounds: CollisionBounds) -> None:
@@ -210,18 +217,15 @@ def test_certified_edges_are_free_however_densely_checked(arm: ArmRobot, arm_bou
     counts = {FREE: 0, COLLIDING: 0, UNDECIDED: 0}
     for _ in range(3):
         scene = scattered(rng, every_shape(rng))
-        checks, judge = arm_bounds.checks(scene), ExactChecker(arm, scene)
+        verdicts, judge = Verdicts(arm_bounds.checks(scene)), ExactChecker(arm, scene)
         starts = [state for state in rng.uniform(-np.pi, np.pi, (60, 6)) if judge.is_free(state)]
         for start in starts:
             step = rng.normal(size=6)
             end = start + step / np.linalg.norm(step) * rng.uniform(0.05, 2.0)
-            left = np.empty((32, 2))
-            verdict, count = examine_edge(start, end, checks, left)
+            verdict, left = verdicts.of_edge(start, end)
             counts[verdict] += 1
-            assert verdict == edge_verdict(start, end, checks) or UNDECIDED in (
-                verdict,
-                edge_verdict(start, end, checks),
-            )
+            quick = int(verdicts.of_edges(start[None], end[None])[0])
+            assert verdict == quick or UNDECIDED in (verdict, quick)
             fractions = np.linspace(0.0, 1.0, 150)
             free = np.array([judge.is_free(start + t * (end - start)) for t in fractions])
             if verdict == FREE:
@@ -230,10 +234,8 @@ def test_certified_edges_are_free_however_densely_checked(arm: ArmRobot, arm_bou
                 assert not free.all() or not judge.is_edge_free(start, end, 1e-4)
             else:
                 # Collisions are in the parts that are left.
-                inside = (fractions[:, None] >= left[:count, 0] - 1e-12) & (
-                    fractions[:, None] <= left[:count, 1] + 1e-12
-                )
-                assert count > 0
+                inside = (fractions[:, None] >= left[:, 0] - 1e-12) & (fractions[:, None] <= left[:, 1] + 1e-12)
+                assert len(left)
                 assert free[~inside.any(axis=1)].all()
     assert min(counts.values()) > 3
     assert counts[FREE] > 60
@@ -245,11 +247,11 @@ def test_certified_edges_of_random_trees(seed: int, joints: int) -> None:
     rng = np.random.default_rng(seed)
     robot = chain(rng, joints)
     scene = scattered(rng, every_shape(rng))
-    checks, judge = coarse_bounds(robot).checks(scene), ExactChecker(robot, scene)
+    verdicts, judge = Verdicts(coarse_bounds(robot).checks(scene)), ExactChecker(robot, scene)
     for _ in range(25):
         start, end = rng.uniform(robot.lower, robot.upper, (2, joints))
         end = start + rng.random() * (end - start)
-        if edge_verdict(start, end, checks) == FREE:
+        if verdicts.of_edge(start, end)[0] == FREE:
             assert all(judge.is_free(start + t * (end - start)) for t in np.linspace(0.0, 1.0, 200))
 
 
@@ -268,20 +270,19 @@ def test_a_point_robot_among_walls(radius: float) -> None:
     counts = count_contradictions(robot, bounds, scene, 0.0, rng.random((3000, 2)))
     assert counts[:, 2].sum() <= 5
     assert counts[0, 1] > 100
-    checks, judge = bounds.checks(scene), ExactChecker(robot, scene)
-    verdicts = []
-    for _ in range(300):
-        start, end = rng.random((2, 2))
-        verdicts.append(edge_verdict(start, end, checks))
+    judge = ExactChecker(robot, scene)
+    starts, ends = rng.random((2, 300, 2))
+    verdicts = Verdicts(bounds.checks(scene)).of_edges(starts, ends)
+    for start, end, verdict in zip(starts, ends, verdicts, strict=True):
         dense = judge.is_edge_free(start, end, 5e-4)
-        assert verdicts[-1] != FREE or dense
-        assert verdicts[-1] != COLLIDING or not judge.is_edge_free(start, end, 2e-5)
-    assert np.mean(np.array(verdicts) == UNDECIDED) < 0.1
+        assert verdict != FREE or dense
+        assert verdict != COLLIDING or not judge.is_edge_free(start, end, 2e-5)
+    assert np.mean(verdicts == UNDECIDED) < 0.1
     # A wall thinner than any step.
     thin = Obstacle.of("thin", Box(np.array([1e-6, 1.0, 0.2])), Pose.from_xyz_rpy([0.5173, 0.5, 0.0]))
-    alone = bounds.checks(Scene.of([thin], scene.bounds))
-    assert edge_verdict(np.array([0.1, 0.2]), np.array([0.9, 0.23]), alone) != FREE
-    assert edge_verdict(np.array([0.1, 0.2]), np.array([0.49, 0.23]), alone) == FREE
+    alone = Verdicts(bounds.checks(Scene.of([thin], scene.bounds)))
+    assert alone.of_edge(np.array([0.1, 0.2]), np.array([0.9, 0.23]))[0] != FREE
+    assert alone.of_edge(np.array([0.1, 0.2]), np.array([0.49, 0.23]))[0] == FREE
 
 
 def test_large_and_distant_obstacles(arm: ArmRobot, arm_bounds: CollisionBounds) -> None:
@@ -302,11 +303,10 @@ def test_threads(arm: ArmRobot, arm_bounds: CollisionBounds) -> None:
     checks = arm_bounds.checks(scattered(rng, every_shape(rng)))
     edges = rng.uniform(-np.pi, np.pi, (300, 2, 6))
     edges[:, 1] = edges[:, 0] + 0.2 * (edges[:, 1] - edges[:, 0])
-    expected = [edge_verdict(a, b, checks) for a, b in edges]
+    expected = Verdicts(checks).of_edges(edges[:, 0], edges[:, 1]).tolist()
 
     def work(_: int) -> list[int]:
-        own = arm_bounds.for_thread(checks)
-        return [edge_verdict(a, b, own) for a, b in edges]
+        return Verdicts(arm_bounds.for_thread(checks)).of_edges(edges[:, 0], edges[:, 1]).tolist()
 
     with concurrent.futures.ThreadPoolExecutor(3) as pool:
         for verdicts in pool.map(work, range(3)):

@@ -1,4 +1,4 @@
-"""Puts the covers of the demo arm into the package: to be run after a change of the code that builds them.
+"""Puts covers of the demo arms into the package: to be run after a change of the code that builds them.
 
 Usage: python tools/ship_covers.py
 """
@@ -11,26 +11,27 @@ from bsp_informed_planner.collision.bounds import build_covers
 from bsp_informed_planner.collision.cover import CoverOptions
 from bsp_informed_planner.collision.cover_files import SHIPPED, cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.sharpening import SharpeningOptions
-from bsp_informed_planner.robots.demo_arms import ur5
+from bsp_informed_planner.robots.demo_arms import panda, tiago, ur5
 
 logger = logging.getLogger(__name__)
 
 
 def main() -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    robot = ur5()
-    key = cover_key(robot, CoverOptions(), SharpeningOptions())
-    if (SHIPPED / f"{key}.npz").is_file():
-        logger.info("%s: its covers are there", robot.name)
-        return
-    for outdated in SHIPPED.glob("*.npz"):
-        outdated.unlink()
-    covers = load_covers(key) or build_covers(robot)
-    path = save_covers(key, covers, SHIPPED)
-    if path is not None:
-        # Temporary files are for their owner only; a package is for everybody.
-        path.chmod(0o644)
-    logger.info("%s: %s", robot.name, path)
+    robots = [ur5(), panda(), tiago()]
+    keys = [cover_key(robot, CoverOptions(), SharpeningOptions()) for robot in robots]
+    for path in SHIPPED.glob("*.npz"):
+        if path.stem not in keys:
+            path.unlink()
+    for robot, key in zip(robots, keys, strict=True):
+        if (SHIPPED / f"{key}.npz").is_file():
+            logger.info("%s: its covers are there", robot.name)
+            continue
+        path = save_covers(key, load_covers(key) or build_covers(robot), SHIPPED)
+        if path is not None:
+            # Temporary files are for their owner only; a package is for everybody.
+            path.chmod(0o644)
+        logger.info("%s: %s", robot.name, path)
 
 
 if __name__ == "__main__":

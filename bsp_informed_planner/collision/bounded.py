@@ -79,9 +79,7 @@ class BoundedChecker:
         self._judge: ExactChecker | None = None
         self._certifier: EdgeCertifier | None = None
         self._known: dict[bytes, Verdict] = {}
-        # The bounds know of no link that may touch an obstacle.
-        sure_hits = not any(body in self.scene.obstacles for pair in self.scene.allowed_collisions for body in pair)
-        self.verdicts = Verdicts(self._arrays, sure_hits)
+        self.verdicts = Verdicts(self._arrays)
 
     def clone(self) -> BoundedChecker:
         """One of the same scene and robot, for another thread."""

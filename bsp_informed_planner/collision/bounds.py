@@ -11,7 +11,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
+from bsp_informed_planner.collision.allowed_contacts import allowed_contacts
 from bsp_informed_planner.collision.body_groups import BodyGroups, group_bodies
 from bsp_informed_planner.collision.check_arrays_kernels import (
     FRAME_ROWS,
@@ -24,7 +26,8 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
     Scratch,
     SphereTree,
 )
-from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
+from bsp_informed_planner.collision.clear_pairs import BEYOND_LIMITS, find_clear_pairs
+from bsp_informed_planner.collision.cover import CoverBuilder, CoverOptions, RobotCovers
 from bsp_informed_planner.collision.cover_files import cover_key, load_covers, save_covers
 from bsp_informed_planner.collision.cover_kernels import enclosing_ball
 from bsp_informed_planner.collision.exact import ExactChecker
@@ -76,16 +79,17 @@ class CollisionBounds:
         reach: no point of the robot is further from the root frame's origin, in any configuration [m].
     """
 
-    def __init__(self, robot: Robot, groups: BodyGroups, covers: Sequence[Cover]) -> None:
+    def __init__(self, robot: Robot, groups: BodyGroups, robot_covers: RobotCovers) -> None:
         """
         Args:
             robot: a robot.
             groups: of its bodies.
-            covers: of each group.
+            robot_covers: of the groups.
         """
         self.robot = robot
         self.groups = groups
-        self.covers = tuple(covers)
+        self.covers = robot_covers
+        covers = robot_covers.covers
         model = robot.model
         axes, prismatic = joint_axes(model)
         turns = _turned_frames(axes)
@@ -111,9 +115,10 @@ class CollisionBounds:
             if joint > 0:
                 centres = np.concatenate([cover.outer[:, :3], cover.inner[:, :3]])
                 distances = axis_distances(model, axes, prismatic, joint, centres)
-                # Rounded up, and never zero where a joint moves the group.
-                levers[group] = np.where(distances > 0.0, distances * (1.0 + 1e-6), 0.0)
-                levers[group, _movers(model, joint)] = np.maximum(levers[group, _movers(model, joint)], 1e-6)
+                # Rounded up, never zero where a joint moves the group, and with room for slides beyond the limits.
+                movers = _movers(model, joint)
+                beyond = BEYOND_LIMITS * np.count_nonzero(prismatic)
+                levers[group, movers] = np.maximum(distances[movers] * (1.0 + 1e-6) + beyond, 1e-6)
         self.reach = reach
         rounding = self._rounding = 48.0 * (count + 2) * _ROUNDING * reach
         self.arrays = RobotBounds(
@@ -122,7 +127,9 @@ class CollisionBounds:
             inner=_tree([_flat_tree(cover.inner) for cover in covers], groups, turns, -rounding),
             joints=groups.joints,
             exposed=(groups.joints > 0).astype(np.int64),
-            pairs=groups.pairs,
+            pairs=_without(groups.pairs, robot_covers.clear_pairs),
+            lower=robot.lower - BEYOND_LIMITS,
+            upper=robot.upper + BEYOND_LIMITS,
             levers=levers.astype(np.float32),
         )
 
@@ -130,7 +137,7 @@ class CollisionBounds:
         """What the kernels take, for one thread.
 
         Args:
-            scene: obstacles in the robot's root frame.
+            scene: obstacles in the robot's root frame, and what may touch them.
             padding: distance that bodies have to keep from obstacles, but not from each other [m].
             finest: intervals of an edge in which no point moves further than this are not halved [m].
 
@@ -144,11 +151,12 @@ class CollisionBounds:
             raise InvalidOptionError("finest", finest, "a positive distance [m]")
         reach = self.reach + padding + 0.01
         rounding = 64.0 * _ROUNDING * reach
+        contacts = allowed_contacts(self.robot, self.groups, scene)
         # Inner radii lack the rounding of the robot's places: here it is the cores that bear it, since a robot may be a
         # point. A little more than nothing is added, for a point touches only what is closer than its radius.
         return Checks(
             self.arrays,
-            pack_obstacles(scene, reach, self._rounding + rounding + _ROOM),
+            pack_obstacles(scene, reach, self._rounding + rounding + _ROOM, contacts),
             padding + rounding,
             padding + self._rounding + _ROOM,
             finest,
@@ -180,10 +188,14 @@ class CollisionBounds:
             bend=singles(groups),
             accelerations=singles(groups),
             open=np.zeros(LANES, dtype=np.int32),
+            asked=np.zeros(LANES, dtype=np.int32),
+            stuck=np.zeros(LANES, dtype=np.int32),
             lane=np.eye(LANES, dtype=np.int32),
             hits=np.zeros(LANES, dtype=np.int32),
             stack=np.zeros((_STACK, 2), dtype=np.int64),
             intervals=np.zeros((_INTERVALS, 2)),
+            step=np.zeros(self.robot.dof),
+            turned=singles(joints),
         )
 
 
@@ -214,7 +226,7 @@ def _bounds_of(robot: Robot, progress: Progress | None) -> CollisionBounds:
     return bounds
 
 
-def _kept_covers(robot: Robot, progress: Progress | None) -> list[Cover]:
+def _kept_covers(robot: Robot, progress: Progress | None) -> RobotCovers:
     options, sharpening = CoverOptions(), SharpeningOptions()
     key = cover_key(robot, options, sharpening)
     covers = load_covers(key)
@@ -230,18 +242,21 @@ def _kept_covers(robot: Robot, progress: Progress | None) -> list[Cover]:
     return covers
 
 
-def _extended(base: CollisionBounds, robot: Robot) -> list[Cover]:
+def _extended(base: CollisionBounds, robot: Robot) -> RobotCovers:
     """Covers of a robot that holds something: what it has in common with the bare one is known."""
-    known = dict(zip(base.groups.members, base.covers, strict=True))
+    places = {members: place for place, members in enumerate(base.groups.members)}
+    groups = group_bodies(robot.collision_model)
     covers = []
-    for members in group_bodies(robot.collision_model).members:
-        cover = known.get(members)
-        if cover is None:
+    for members in groups.members:
+        if members in places:
+            covers.append(base.covers.covers[places[members]])
+        else:
             builder = _builder(robot, members, CoverOptions())
             builder.build()
-            cover = builder.cover()
-        covers.append(cover)
-    return covers
+            covers.append(builder.cover())
+    known = {frozenset(base.groups.members[group] for group in pair) for pair in base.covers.clear_pairs.tolist()}
+    clear = [pair for pair in groups.pairs.tolist() if frozenset(groups.members[group] for group in pair) in known]
+    return RobotCovers(tuple(covers), np.array(clear, dtype=np.int64).reshape(-1, 2))
 
 
 def _builder(robot: Robot, members: Sequence[int], options: CoverOptions) -> CoverBuilder:
@@ -254,8 +269,10 @@ def build_covers(
     options: CoverOptions | None = None,
     sharpening: SharpeningOptions | None = None,
     progress: Progress | None = None,
-) -> list[Cover]:
-    """Covers of a robot's groups of bodies, made anew. See `CoverBuilder` and `sharpen_close_pairs`.
+) -> RobotCovers:
+    """Covers of a robot's groups of bodies, made anew.
+
+    See `CoverBuilder`, `find_clear_pairs` and `sharpen_close_pairs`: pairs that never touch need no sharper covers.
 
     Args:
         robot: a robot.
@@ -271,9 +288,10 @@ def build_covers(
         builders[-1].build()
         if progress is not None:
             progress(number + 1, len(groups.members) + 1)
+    clear = find_clear_pairs(robot, groups)
 
-    def covers() -> list[Cover]:
-        return [builder.cover() for builder in builders]
+    def covers() -> RobotCovers:
+        return RobotCovers(tuple(builder.cover() for builder in builders), clear)
 
     nothing = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame)
     judge = ExactChecker(robot, nothing)
@@ -284,10 +302,17 @@ def build_covers(
         open_ones = configurations[verdicts == UNDECIDED]
         return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
 
-    sharpen_close_pairs(robot, groups, builders, undecided, sharpening or SharpeningOptions())
+    pairs = _without(groups.pairs, clear)
+    sharpen_close_pairs(robot, groups, builders, pairs, undecided, sharpening or SharpeningOptions())
     if progress is not None:
         progress(len(groups.members) + 1, len(groups.members) + 1)
     return covers()
+
+
+def _without(pairs: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The rows of an array (p, 2) that are not rows of another (k, 2)."""
+    dropped = {tuple(pair) for pair in others.tolist()}
+    return np.array([pair for pair in pairs.tolist() if tuple(pair) not in dropped], dtype=np.int64).reshape(-1, 2)
 
 
 def _turned_frames(axes: FloatArray) -> list[FloatArray]:
@@ -313,7 +338,7 @@ def _chain_length(model: pin.Model, prismatic: np.ndarray, joint: int) -> float:
         length += float(np.linalg.norm(model.jointPlacements[mover + 1].translation))
         if prismatic[mover]:
             index = model.joints[mover + 1].idx_v
-            length += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index]))
+            length += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index])) + BEYOND_LIMITS
     return length
 
 

@@ -26,6 +26,9 @@ ENCLOSING, BOX, BALL, CYLINDER, CONE, HALF_SPACE, POLYTOPE = -1, 0, 1, 2, 3, 4, 
 #: Numbers that describe a part of an obstacle, see `obstacle_kernels`.
 PART_SIZE = 16
 
+#: What bodies of a group may touch, as a sum: some of them, so that hits are not certain; all, so that there are none.
+SOME_MAY_TOUCH, ALL_MAY_TOUCH = 1, 2
+
 # How spheres are looked at, as a sum. It is passed as np.int64(...): kernels are compiled anew for every literal.
 #: Lanes are neighbours along an edge, and the intervals between them are looked at, too.
 SWEPT = 1
@@ -84,6 +87,7 @@ class RobotBounds(NamedTuple):
         joints: (g,) which joint carries a group, 0 for none.
         exposed: (g,) 1 for groups that are checked against obstacles.
         pairs: (p, 2) groups that are checked against each other.
+        lower, upper: (n,) limits, and a little more: what is said of a robot is not said of configurations outside.
         levers: (g, n) bound of the distance of the group's sphere centres from the joint's axis [m], 1 for prismatic
             joints; 0 where the joint does not move the group.
     """
@@ -94,6 +98,8 @@ class RobotBounds(NamedTuple):
     joints: Indices
     exposed: Indices
     pairs: Indices
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
     levers: Singles
 
 
@@ -105,6 +111,9 @@ class Obstacles(NamedTuple):
         ends: (k,) the index after the last node below a node.
         kinds: (k,) kind of a leaf's part, or ENCLOSING.
         parts: (k, PART_SIZE) description of a leaf's part.
+        classes: (k,) of a leaf's obstacle, see `allowed`; 0 for other nodes.
+        allowed: (g, c) what the groups of bodies may do with obstacles of each class: sums of SOME_MAY_TOUCH and
+            ALL_MAY_TOUCH.
         planes: (q, 4) outward unit normal and offset of the planes of all polytopes: n . x <= d inside.
         cores, core_planes: the same of smaller parts, for hits that are certain in spite of rounding: all points within
             that rounding of a core lie in its part.
@@ -114,6 +123,8 @@ class Obstacles(NamedTuple):
     ends: Indices
     kinds: Indices
     parts: Singles
+    classes: Indices
+    allowed: Indices
     planes: Singles
     cores: Singles
     core_planes: Singles
@@ -133,10 +144,13 @@ class Scratch(NamedTuple):
             each other may differ [m].
         accelerations: (g,) bounds of the second derivative of its centres along the edge [m].
         open: (LANES,) 1 where nothing has been hit yet.
+        asked: (LANES,) which lanes are asked about.
+        stuck: (LANES,) where halving an interval does not help.
         lane: (LANES, LANES) for each lane: 1 there, 0 elsewhere.
         hits: (LANES,) lanes that some test has not excluded yet.
         stack: (s, 2) pairs of nodes to look at.
         intervals: (s, 2) of an edge, to look at.
+        step, turned: (n,) of an edge, by place in a configuration, and by joint.
     """
 
     values: Singles
@@ -151,10 +165,14 @@ class Scratch(NamedTuple):
     bend: Singles
     accelerations: Singles
     open: Lanes
+    asked: Lanes
+    stuck: Lanes
     lane: Lanes
     hits: Lanes
     stack: Indices
     intervals: NDArray[np.float64]
+    step: NDArray[np.float64]
+    turned: Singles
 
 
 class Checks(NamedTuple):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.cover_kernels import (
     assign_cells,
@@ -27,6 +28,7 @@ class CoverOptions:
         protrusions: how far the balls of each level of a tree stand out of the body at most [m], the finest last.
         cells_per_protrusion: edge of the smallest cells, as a share of the finest protrusion.
         most_cells: along the surface of a group of bodies: larger ones have coarser cells.
+        most_leaves: of a group's tree, about: no level is begun that would have more.
         medial_samples: balls that are tried, for each group.
         node_candidates: most cells around which balls are tried, in each node.
         sample: cells on which candidates are compared.
@@ -37,6 +39,7 @@ class CoverOptions:
     protrusions: tuple[float, ...] = (0.05, 0.018, 0.005)
     cells_per_protrusion: float = 0.25
     most_cells: int = 250_000
+    most_leaves: int = 20_000
     medial_samples: int = 800
     node_candidates: int = 150
     sample: int = 3000
@@ -75,6 +78,19 @@ class Cover:
     outer: FloatArray
     ends: np.ndarray
     inner: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class RobotCovers:
+    """Covers of all groups of a robot's bodies.
+
+    Attributes:
+        covers: of each group.
+        clear_pairs: (k, 2) groups that never touch, although they are checked against each other.
+    """
+
+    covers: tuple[Cover, ...]
+    clear_pairs: NDArray[np.int64]
 
 
 class CoverBuilder:
@@ -196,7 +212,12 @@ class CoverBuilder:
     def build(self) -> None:
         """The whole tree."""
         leaves = [self.root]
+        before = math.inf
         for protrusion in self._options.protrusions:
+            # A surface takes about that many more balls. Large ones are left coarse.
+            if math.isfinite(before) and len(leaves) * (before / protrusion) ** 2 > self._options.most_leaves:
+                break
+            before = protrusion
             for leaf in leaves:
                 self.refine(leaf, protrusion)
             leaves = [below for leaf in leaves for below in (leaf.children or [leaf])]

@@ -6,14 +6,13 @@ import hashlib
 import logging
 import os
 import tempfile
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
 import coal
 import numpy as np
 
-from bsp_informed_planner.collision.cover import Cover, CoverOptions
+from bsp_informed_planner.collision.cover import Cover, CoverOptions, RobotCovers
 from bsp_informed_planner.collision.sharpening import SharpeningOptions
 from bsp_informed_planner.robots.motion_bound import bounding_points, joint_axes
 from bsp_informed_planner.robots.robot import Robot
@@ -26,6 +25,7 @@ SHIPPED = Path(__file__).parent / "covers"
 # The files whose code decides what a cover is.
 _SOURCES = (
     "body_groups.py",
+    "clear_pairs.py",
     "cover.py",
     "cover_kernels.py",
     "sharpening.py",
@@ -62,7 +62,7 @@ def cover_key(robot: Robot, options: CoverOptions, sharpening: SharpeningOptions
     return digest.hexdigest()[:20]
 
 
-def load_covers(key: str) -> list[Cover] | None:
+def load_covers(key: str) -> RobotCovers | None:
     """Covers of this key, from the package or the user's cache; None if there are none, or none that can be read."""
     for folder in (SHIPPED, _folder()):
         path = folder / f"{key}.npz" if folder is not None else None
@@ -74,12 +74,12 @@ def load_covers(key: str) -> list[Cover] | None:
     return None
 
 
-def save_covers(key: str, covers: Sequence[Cover], folder: Path | None = None) -> Path | None:
+def save_covers(key: str, covers: RobotCovers, folder: Path | None = None) -> Path | None:
     """Write covers, as a whole or not at all.
 
     Args:
         key: of `cover_key`.
-        covers: of each group.
+        covers: of a robot.
         folder: None: the user's cache.
 
     Returns:
@@ -88,8 +88,8 @@ def save_covers(key: str, covers: Sequence[Cover], folder: Path | None = None) -
     folder = folder or _folder()
     if folder is None:
         return None
-    arrays: dict[str, np.ndarray] = {"count": np.array(len(covers))}
-    for index, cover in enumerate(covers):
+    arrays = {"count": np.array(len(covers.covers)), "clear_pairs": covers.clear_pairs.astype(np.int16)}
+    for index, cover in enumerate(covers.covers):
         arrays[f"outer_{index}"] = (cover.outer + [0.0, 0.0, 0.0, _SINGLE]).astype(np.float32)
         arrays[f"ends_{index}"] = cover.ends.astype(np.int32)
         arrays[f"inner_{index}"] = (cover.inner - [0.0, 0.0, 0.0, _SINGLE]).astype(np.float32)
@@ -106,16 +106,17 @@ def save_covers(key: str, covers: Sequence[Cover], folder: Path | None = None) -
     return path
 
 
-def _read(path: Path) -> list[Cover]:
+def _read(path: Path) -> RobotCovers:
     with np.load(path) as file:
-        return [
+        covers = tuple(
             Cover(
                 file[f"outer_{i}"].astype(np.float64),
                 file[f"ends_{i}"].astype(np.int64),
                 file[f"inner_{i}"].astype(np.float64),
             )
             for i in range(int(file["count"]))
-        ]
+        )
+        return RobotCovers(covers, file["clear_pairs"].astype(np.int64))
 
 
 def _folder() -> Path | None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from bsp_informed_planner.collision.solid_kernels import doubled, set_point
 from bsp_informed_planner.compiled import kernel
 
 Floats = NDArray[np.float64]
@@ -34,7 +35,7 @@ def is_inside(cell: Floats, x: float, y: float, z: float, radius: float) -> bool
     return limit >= 0.0 and (dx * dx + dy * dy + dz * dz) * (1.0 + ROOM) <= limit * limit
 
 
-@kernel
+@kernel(inline="always")
 def keep_outside(cells: Floats, chosen: Indices, count: int, ball: Floats) -> int:
     """Moves those of the first `count` chosen cells that a ball does not hold to the front. Returns their number."""
     x, y, z, radius = ball[0], ball[1], ball[2], ball[3]
@@ -101,15 +102,14 @@ def cover_greedily(cells: Floats, candidates: Floats, protrusion: float, most: i
                         break
                     best = other
             if used == balls.shape[0]:
-                grown = np.empty((2 * used, 4))
-                grown[:used] = balls
-                balls = grown
+                balls = doubled(balls)
             ball = balls[used]
             if best >= 0 and gains[best] > 0:
-                ball[:] = candidates[best]
+                set_point(ball, candidates[best, 0], candidates[best, 1], candidates[best, 2])
+                ball[3] = candidates[best, 3]
             else:
                 # Around the first of the sample that is still uncovered.
-                ball[:3] = sample[:3, 0]
+                set_point(ball, sample[0, 0], sample[1, 0], sample[2, 0])
                 own = HALF_DIAGONAL * sample[3, 0] * (1.0 + 4.0 * ROOM) + sample[4, 0]
                 ball[3] = max(protrusion - sample[5, 0], own)
             used += 1
@@ -150,7 +150,8 @@ def enclosing_ball(cells: Floats, first: Floats) -> Floats:
         cells: (n, 6).
         first: (4,) a ball to begin with; it is returned if no smaller one is found and it holds all cells.
     """
-    centre = first[:3].copy()
+    centre = np.empty(3)
+    set_point(centre, first[0], first[1], first[2])
     result = first.copy()
     result[3] = np.inf
     for step in range(STEPS):
@@ -160,7 +161,7 @@ def enclosing_ball(cells: Floats, first: Floats) -> Floats:
             if out > reach:
                 reach, place = out, i
         if reach < result[3]:
-            result[:3] = centre
+            set_point(result, centre[0], centre[1], centre[2])
             result[3] = reach
         share = 1.0 / (step + 3.0)
         for k in range(3):

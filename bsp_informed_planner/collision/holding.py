@@ -35,6 +35,10 @@ def robot_in_scene(robot: Robot, scene: Scene) -> Robot:
     return HoldingRobot(robot, scene)
 
 
+#: What the names of the geometries of bodies held begin with; the body's id and a number follow.
+HELD = "attached/"
+
+
 class HoldingRobot:
     """A robot whose collision geometry includes what it holds. See `Robot` for its attributes.
 
@@ -119,7 +123,7 @@ class HoldingRobot:
             except ValueError as error:
                 raise InvalidObstacleError(body.id, str(error)) from error
             for geometry in geometries:
-                name = f"attached/{body.id}/{self.collision_model.ngeoms}"
+                name = f"{HELD}{body.id}/{self.collision_model.ngeoms}"
                 item = pin.GeometryObject(name, joint, frame, origin * _placement(pose), geometry)
                 index = self.collision_model.addGeometryObject(item)
                 self._add_pairs(int(index), joint, body.id, may_touch)

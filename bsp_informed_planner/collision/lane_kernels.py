@@ -129,9 +129,8 @@ def place_joints(chain: Chain, values: Singles, frames: Singles, turning: Single
                 turning[COSINE + k] = ONE
                 turning[SLIDE + k] = value_row[k]
         placement = chain.placements[joint]
-        turn_row(turning, 0, 9, placement)
-        turn_row(turning, 3, 10, placement)
-        turn_row(turning, 6, 11, placement)
+        for i in range(3):
+            turn_row(turning, 3 * i, 9 + i, placement)
         frame = frames[joint + 1]
         for k in range(FRAME_ROWS * STRIDE):
             frame[k] = turning[k]

@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from bsp_informed_planner.collision.allowed_contacts import AllowedContacts
 from bsp_informed_planner.collision.check_arrays_kernels import (
     BALL,
     BOX,
@@ -19,7 +20,7 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
 )
 from bsp_informed_planner.collision.obstacle_tree_kernels import clip_boxes, grow_tree, shrink_parts
 from bsp_informed_planner.errors import InvalidObstacleError
-from bsp_informed_planner.scene.polytopes import convex_parts, hull_polytope
+from bsp_informed_planner.scene.polytopes import ConvexPolytope, convex_parts, hull_polytope
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene
 from bsp_informed_planner.scene.shapes import (
@@ -37,12 +38,17 @@ from bsp_informed_planner.scene.voxels import merged_boxes
 
 # One part: its kind, numbers (PART_SIZE,), lower and upper corner, and its planes (q, 4), empty but for polytopes.
 Part = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray]
+# A polytope is a box if its corners agree with those of one this well [m].
+_BOX_TOLERANCE = 1e-9
+# Edges and corners get a plane of their own if it is turned from a face by more than the arc cosine of this, but not
+# those of polytopes that have so many faces.
+_SHARP, _MOST_FACES = 0.97, 200
 _NO_PLANES = np.empty((0, 4))
 # Obstacles do not change, and most of a scene stays from one to the next.
 _known: WeakKeyDictionary[Obstacle, tuple[Part, ...]] = WeakKeyDictionary()
 
 
-def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
+def pack_obstacles(scene: Scene, reach: float, rounding: float, contacts: AllowedContacts) -> Obstacles:
     """Arrays of a scene's obstacles.
 
     What no point of the robot can come near is left out, and boxes are cut to what it can: the kernels compute in
@@ -52,11 +58,14 @@ def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
         scene: in the robot's root frame.
         reach: distance from the origin that no point of the robot and its padding exceeds [m].
         rounding: error that hits of the cores have to bear [m].
+        contacts: that the scene allows.
 
     Raises:
         InvalidObstacleError: if a shape of an obstacle has no volume.
     """
-    parts = [part for obstacle in scene.obstacles.values() for part in _parts_of(obstacle)]
+    found = [(part, contacts.classes.get(key, 0)) for key, own in scene.obstacles.items() for part in _parts_of(own)]
+    parts = [part for part, _ in found]
+    classes = np.array([number for _, number in found], dtype=np.int64)
     count = len(parts)
     kinds = np.array([part[0] for part in parts], dtype=np.int64)
     numbers = np.array([part[1] for part in parts]).reshape(count, PART_SIZE)
@@ -75,6 +84,8 @@ def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
     leaves = order >= 0
     node_kinds = np.full(len(order), -1, dtype=np.int64)
     node_kinds[leaves] = kinds[near][order[leaves]]
+    node_classes = np.zeros(len(order), dtype=np.int64)
+    node_classes[leaves] = classes[near][order[leaves]]
     node_parts = np.zeros((len(order), PART_SIZE))
     node_parts[leaves] = numbers[near][order[leaves]]
     cores = node_parts.copy()
@@ -85,6 +96,8 @@ def pack_obstacles(scene: Scene, reach: float, rounding: float) -> Obstacles:
         ends,
         node_kinds,
         node_parts.astype(np.float32),
+        node_classes,
+        contacts.table,
         all_planes.astype(np.float32),
         cores.astype(np.float32),
         (all_planes - [0.0, 0.0, 0.0, rounding]).astype(np.float32),
@@ -125,9 +138,9 @@ def _shape_parts(shape: Shape, pose: Pose) -> list[Part]:
         kind = CYLINDER if isinstance(shape, Cylinder) else CONE
         return [_part(kind, pose.position, spread, (*axis, shape.radius, 0.5 * shape.height))]
     if isinstance(shape, ConvexMesh):
-        return [_polytope(pose.apply(shape.vertices))]
+        return [_polytope(hull_polytope(pose.apply(shape.vertices)))]
     if isinstance(shape, Mesh):
-        return [_polytope(pose.apply(part)) for part in convex_parts(shape)]
+        return [_polytope(hull_polytope(pose.apply(part))) for part in convex_parts(shape)]
     if isinstance(shape, HalfSpace):
         normal = pose.rotation @ shape.normal
         numbers = np.zeros(PART_SIZE)
@@ -147,10 +160,57 @@ def _box(centre: FloatArray, half: FloatArray, rotation: FloatArray) -> Part:
     return _part(BOX, centre, np.abs(rotation) @ half, (*half, *rotation.T.ravel()))
 
 
-def _polytope(points: FloatArray) -> Part:
-    """A convex hull, with a ball inside around the middle of its vertices."""
-    hull = hull_polytope(points)
-    middle = hull.vertices.mean(axis=0)
+def _polytope(hull: ConvexPolytope) -> Part:
+    """A convex hull, exactly if it is a box."""
+    box = _as_box(hull)
+    if box is not None:
+        return box
     numbers = np.zeros(PART_SIZE)
+    middle = hull.vertices.mean(axis=0)
     numbers[2:5], numbers[5] = middle, max(-float(hull.distance(middle)), 0.0)
-    return POLYTOPE, numbers, hull.vertices.min(axis=0), hull.vertices.max(axis=0), hull.planes
+    planes = np.concatenate([hull.planes, _bevels(hull)])
+    return POLYTOPE, numbers, hull.vertices.min(axis=0), hull.vertices.max(axis=0), planes
+
+
+def _as_box(hull: ConvexPolytope) -> Part | None:
+    """The box that a polytope is; None if it is none."""
+    if len(hull.planes) != 6 or len(hull.vertices) != 8:
+        return None
+    normals = hull.planes[:, :3]
+    first = normals[0]
+    second = normals[int(np.argmin(np.abs(normals @ first)))]
+    axes = np.stack([first, second, np.cross(first, second)])
+    along = hull.vertices @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    # All vertices are corners of the box of these axes.
+    off = np.minimum(along - low, high - along).max()
+    if np.abs(axes @ axes.T - np.eye(3)).max() > _BOX_TOLERANCE or off > _BOX_TOLERANCE:
+        return None
+    return _box((0.5 * (low + high)) @ axes, 0.5 * (high - low), axes.T)
+
+
+def _bevels(hull: ConvexPolytope) -> FloatArray:
+    """(q, 4) further planes through edges and corners, where faces meet at sharp angles.
+
+    Distances from the planes of the faces alone say little of a point in front of an edge or a corner.
+    """
+    if len(hull.planes) > _MOST_FACES:
+        return _NO_PLANES
+    faces_of: dict[tuple[int, int], list[int]] = {}
+    faces_at: dict[int, list[int]] = {}
+    for face, corners in enumerate(hull.faces):
+        loop = corners.tolist()
+        for a, b in zip(loop, [*loop[1:], loop[0]], strict=True):
+            faces_of.setdefault((min(a, b), max(a, b)), []).append(face)
+            faces_at.setdefault(a, []).append(face)
+    normals = []
+    for group in (*faces_of.values(), *faces_at.values()):
+        own = hull.planes[group, :3]
+        total = own.sum(axis=0)
+        length = float(np.linalg.norm(total))
+        if length > 1e-6 and (own @ total).min() < _SHARP * length:
+            normals.append(total / length)
+    if not normals:
+        return _NO_PLANES
+    found = np.array(normals)
+    return np.concatenate([found, (found @ hull.vertices.T).max(axis=1)[:, None]], axis=1)

@@ -5,7 +5,7 @@ polytopes. Rounding is covered by the radii (see `CollisionBounds`).
 
 Numbers that describe a part: a box: centre, half sizes, its three axes; a ball: centre, radius; a cylinder or a cone:
 centre, axis, radius, half height; a half-space: outward normal, offset with n . x + offset <= 0 inside; a polytope:
-first and last of its planes, centre and radius of a ball inside.
+first and last of its planes, a point inside and its depth.
 
 The shape of this code is what compilers make vectors of: a test is one loop over lanes that calls nothing, writes to no
 array, and reads none but those of the lanes; and it is inlined where it is used. Otherwise it takes ten times as long.
@@ -32,6 +32,9 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
 )
 from bsp_informed_planner.collision.lane_kernels import FAST, ONE, ZERO
 from bsp_informed_planner.compiled import kernel
+
+# Steps towards the point of a polytope that is nearest to a ball's centre.
+PROJECTIONS = 5
 
 
 @kernel(forceinline=True, **FAST)
@@ -118,27 +121,59 @@ def near_half_space(row: Singles, part: Singles, open: Lanes) -> np.int32:
 
 
 @kernel(**FAST)
+def touches_polytope(
+    x: np.float32, y: np.float32, z: np.float32, squared: np.float32, part: Singles, planes: Singles
+) -> bool:
+    """Whether a ball touches a polytope for certain: some point of the polytope lies in it.
+
+    The point is looked for by projections onto the plane that is violated most; what is still outside then is drawn
+    towards the middle of the polytope, until it is inside.
+    """
+    if part[5] <= ZERO:
+        return False
+    begin, end = np.int64(part[0]), np.int64(part[1])
+    px, py, pz = x, y, z
+    for step in range(PROJECTIONS + 1):
+        worst, place, share = ZERO, np.int64(-1), ZERO
+        for p in range(begin, end):
+            nx, ny, nz, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
+            height = nx * px + ny * py + nz * pz - offset
+            if height > ZERO:
+                depth = max(offset - nx * part[2] - ny * part[3] - nz * part[4], ZERO)
+                share = max(share, height / (height + depth + np.float32(1e-12)))
+                if height > worst:
+                    worst, place = height, np.int64(p)
+        if place < 0:
+            break
+        if step == PROJECTIONS:
+            px, py, pz = px + share * (part[2] - px), py + share * (part[3] - py), pz + share * (part[4] - pz)
+        else:
+            px -= worst * planes[place, 0]
+            py -= worst * planes[place, 1]
+            pz -= worst * planes[place, 2]
+    dx, dy, dz = px - x, py - y, pz - z
+    return bool(dx * dx + dy * dy + dz * dz < squared)
+
+
+@kernel(**FAST)
 def near_polytope(row: Singles, part: Singles, planes: Singles, mode: np.int64, open: Lanes, hits: Lanes) -> np.int32:
     """Lanes in which no plane is clear of the sphere: distances from planes are lower bounds of the distance.
 
-    SURELY: lanes in which it touches for certain: its centre is inside of all planes, or it meets the ball inside.
+    SURELY: lanes in which it touches for certain, see `touches_polytope`.
     """
+    total = np.int32(0)
     if mode & SURELY:
-        touched = near_ball(row, part, 2, open)
-        if touched > 0:
-            return touched
+        for k in range(LANES):
+            if open[k] == 1 and touches_polytope(row[X + k], row[Y + k], row[Z + k], row[SQUARED + k], part, planes):
+                total += np.int32(1)
+        return total
     for k in range(LANES):
         hits[k] = open[k]
-    total = np.int32(LANES)
     for p in range(np.int64(part[0]), np.int64(part[1])):
         nx, ny, nz, offset = planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3]
-        if mode & SURELY:
-            for k in range(LANES):
-                hits[k] &= np.int32(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz < offset)
-        else:
-            for k in range(LANES):
-                height = max(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz - offset, ZERO)
-                hits[k] &= np.int32(height * height < row[SQUARED + k])
+        for k in range(LANES):
+            height = max(row[X + k] * nx + row[Y + k] * ny + row[Z + k] * nz - offset, ZERO)
+            hits[k] &= np.int32(height * height < row[SQUARED + k])
         total = np.int32(0)
         for k in range(LANES):
             total += hits[k]

@@ -26,8 +26,8 @@ def clip_boxes(kinds: Indices, parts: Floats, lower: Floats, upper: Floats, reac
             part = parts[i]
             empty = False
             for axis in range(3):
-                direction = part[6 + 3 * axis : 9 + 3 * axis]
-                centre = direction[0] * part[0] + direction[1] * part[1] + direction[2] * part[2]
+                first = 6 + 3 * axis
+                centre = part[first] * part[0] + part[first + 1] * part[1] + part[first + 2] * part[2]
                 half = part[3 + axis]
                 low, high = max(centre - half, -reach), min(centre + half, reach)
                 if low > high:
@@ -36,7 +36,7 @@ def clip_boxes(kinds: Indices, parts: Floats, lower: Floats, upper: Floats, reac
                 if low > centre - half or high < centre + half:
                     move = 0.5 * (low + high) - centre
                     for k in range(3):
-                        part[k] += move * direction[k]
+                        part[k] += move * part[first + k]
                     part[3 + axis] = 0.5 * (high - low)
             for k in range(3):
                 spread = abs(part[6 + k]) * part[3] + abs(part[9 + k]) * part[4] + abs(part[12 + k]) * part[5]
@@ -59,11 +59,13 @@ def shrink_parts(kinds: Indices, parts: Floats, by: float, nowhere: float) -> No
     for i in range(kinds.shape[0]):
         part, kind = parts[i], kinds[i]
         if kind == BOX:
-            part[3:6] -= by
+            for k in range(3, 6):
+                part[k] -= by
         elif kind == BALL:
             part[3] -= by
         elif kind == CYLINDER:
-            part[6:8] -= by
+            for k in range(6, 8):
+                part[k] -= by
         elif kind == CONE:
             # A cone that is smaller by the same everywhere is similar, about the centre of the largest ball inside.
             radius, height = part[6], 2.0 * part[7]
@@ -71,16 +73,44 @@ def shrink_parts(kinds: Indices, parts: Floats, by: float, nowhere: float) -> No
             scale = 1.0 - by / inside
             if scale > 1e-3:
                 shift = (1.0 - scale) * (inside - part[7])
-                part[0:3] += shift * part[3:6]
-                part[6:8] *= scale
+                for k in range(3):
+                    part[k] += shift * part[3 + k]
+                for k in range(6, 8):
+                    part[k] *= scale
             else:
                 part[0] = nowhere
         elif kind == HALF_SPACE:
             part[3] += by
         elif kind == POLYTOPE:
-            part[5] -= by
-            if part[5] < 0.0:
-                part[2], part[5] = nowhere, 0.0
+            part[5] = max(part[5] - by, 0.0)
+
+
+@kernel
+def select(keys: Floats, members: Indices, begin: int, end: int, middle: int) -> None:
+    """Orders begin to end such that no key before `middle` is larger than one behind: Hoare's quickselect.
+
+    Both arrays are ordered alike.
+    """
+    low, high = begin, end - 1
+    while low < high:
+        pivot = keys[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while keys[i] < pivot:
+                i += 1
+            while keys[j] > pivot:
+                j -= 1
+            if i <= j:
+                keys[i], keys[j] = keys[j], keys[i]
+                members[i], members[j] = members[j], members[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
 
 
 @kernel
@@ -97,6 +127,7 @@ def grow_tree(lower: Floats, upper: Floats) -> tuple[Floats, Indices, Indices]:
     ends = np.empty(total, np.int64)
     order = np.full(total, -1)
     members = np.arange(count)
+    keys = np.empty(count)
     # Ranges of members, and the node they go to.
     stack = np.empty((count + 1, 3), np.int64)
     height = 0
@@ -122,12 +153,10 @@ def grow_tree(lower: Floats, upper: Floats) -> tuple[Floats, Indices, Indices]:
         if end - begin == 1:
             order[node] = members[begin]
             continue
-        own = members[begin:end].copy()
-        keys = np.empty(end - begin)
-        for i in range(end - begin):
-            keys[i] = lower[own[i], axis] + upper[own[i], axis]
-        members[begin:end] = own[np.argsort(keys)]
+        for i in range(begin, end):
+            keys[i] = lower[members[i], axis] + upper[members[i], axis]
         middle = (begin + end) // 2
+        select(keys, members, begin, end, middle)
         stack[height, 0], stack[height, 1], stack[height, 2] = begin, middle, node + 1
         stack[height + 1, 0], stack[height + 1, 1] = middle, end
         stack[height + 1, 2] = node + 1 + 2 * (middle - begin) - 1

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.body_groups import BodyGroups
 from bsp_informed_planner.collision.cover import CoverBuilder, Node
@@ -23,20 +24,24 @@ class SharpeningOptions:
     """How much is done about links whose covers touch where they do not.
 
     Attributes:
-        rounds: times that configurations are tried.
+        rounds: times that configurations are tried at most.
+        enough: share of undecided configurations at which no further round is begun.
         configurations: tried in each round.
         most_tried: of these that are looked at closely.
         factor: by which protrusions shrink in each round.
         finest: protrusion that is not shrunk further [m].
         most_balls: sharpened in each round, those first that are to blame most often.
+        most_leaves: of a group's tree: none of its balls is sharpened after that.
     """
 
-    rounds: int = 3
+    rounds: int = 5
+    enough: float = 0.008
     configurations: int = 6000
     most_tried: int = 150
     factor: float = 0.5
     finest: float = 6e-4
     most_balls: int = 200
+    most_leaves: int = 20_000
 
 
 # Tells which of configurations (m, n), free of self-collision, are left undecided by the covers as they are: (k, n).
@@ -47,6 +52,7 @@ def sharpen_close_pairs(
     robot: Robot,
     groups: BodyGroups,
     builders: Sequence[CoverBuilder],
+    pairs: NDArray[np.int64],
     undecided: Undecided,
     options: SharpeningOptions,
     seed: int = 0,
@@ -61,6 +67,7 @@ def sharpen_close_pairs(
         robot: a robot.
         groups: of its bodies.
         builders: of each group's cover; their trees grow.
+        pairs: (p, 2) groups that are looked at.
         undecided: see there.
         options: see there.
         seed: of the configurations.
@@ -68,28 +75,32 @@ def sharpen_close_pairs(
     rng = np.random.default_rng(seed)
     data = robot.model.createData()
     for _ in range(options.rounds):
-        tried = undecided(rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof)))[
-            : options.most_tried
-        ]
+        tried = undecided(rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof)))
+        if len(tried) <= options.enough * options.configurations:
+            break
+        tried = tried[: options.most_tried]
         leaves = [builder.leaves() for builder in builders]
         balls = [np.array([leaf.ball for leaf in group]) for group in leaves]
         blame: dict[tuple[int, int], int] = {}
         for configuration in tried:
             pin.forwardKinematics(robot.model, data, configuration)
             placed = [_placed(group, data.oMi[int(joint)]) for group, joint in zip(balls, groups.joints, strict=True)]
-            for first, second in groups.pairs:
+            for first, second in pairs:
                 centre = placed[second][:, :3].mean(axis=0)
                 radius = float((np.linalg.norm(placed[second][:, :3] - centre, axis=1) + placed[second][:, 3]).max())
                 for a, b in touching_balls(placed[first], placed[second], centre, radius):
                     for key in ((int(first), int(a)), (int(second), int(b))):
                         blame[key] = blame.get(key, 0) + 1
+        counts = [len(group) for group in leaves]
         worst = sorted(blame, key=lambda key: -blame[key])
         done = 0
         for group, index in worst:
             leaf: Node = leaves[group][index]
-            if leaf.protrusion > options.finest and done < options.most_balls:
-                builders[group].sharpen(leaf, max(options.factor * leaf.protrusion, options.finest))
-                done += 1
+            if leaf.protrusion <= options.finest or done == options.most_balls or counts[group] >= options.most_leaves:
+                continue
+            builders[group].sharpen(leaf, max(options.factor * leaf.protrusion, options.finest))
+            counts[group] += max(len(leaf.children) - 1, 0)
+            done += 1
         logger.debug("%d configurations undecided; %d balls sharpened", len(tried), done)
         if not done:
             break

@@ -23,6 +23,25 @@ EDGE_DOUBT = 1e-9
 RAY = (0.8128, 0.3793, 0.4422)
 
 
+# Rows are copied number by number: an assignment from array to array, with all messages that it could end in, takes
+# numba seconds to compile.
+
+
+@kernel
+def doubled(rows: Floats) -> Floats:
+    """A copy of an array (n, m) with room for as many rows again."""
+    grown = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
+    for i in range(rows.shape[0]):
+        for k in range(rows.shape[1]):
+            grown[i, k] = rows[i, k]
+    return grown
+
+
+@kernel(inline="always")
+def set_point(target: Floats, x: float, y: float, z: float) -> None:
+    target[0], target[1], target[2] = x, y, z
+
+
 @kernel
 def squared_distance(p: Floats, a: Floats, b: Floats, c: Floats, nearest: Floats) -> float:
     """From a point to a triangle, whose nearest point is written to `nearest` (Ericson, "Real-time collision
@@ -67,7 +86,7 @@ def distance_to(p: Floats, triangles: Floats, nearest: Floats) -> float:
         squared = squared_distance(p, triangles[i, 0], triangles[i, 1], triangles[i, 2], found)
         if squared < best:
             best = squared
-            nearest[:] = found
+            set_point(nearest, found[0], found[1], found[2])
     return math.sqrt(best)
 
 
@@ -113,7 +132,7 @@ def ray_winding(p: Floats, triangles: Floats) -> float:
     return float(abs(total))
 
 
-@kernel
+@kernel(inline="always")
 def distance_to_edges(p: Floats, edges: Floats) -> float:
     """From a point (3,) to segments (k, 2, 3); infinite without any."""
     best = np.inf
@@ -184,16 +203,17 @@ def cut_into_cells(
     count = near.shape[0]
     lists = np.empty((levels + 1, count), np.int64)
     lengths = np.empty(levels + 1, np.int64)
-    lists[0] = near
+    for i in range(count):
+        lists[0, i] = near[i]
     lengths[0] = count
     distances = np.empty(count)
-    nearest = np.empty(3)
+    p, nearest = np.empty(3), np.empty(3)
     # Of the cube of each level that was cut last: its centre, and the winding number there, -1 if not known yet.
     centres = np.empty((levels + 1, 3))
     windings = np.full(levels + 1, -1.0)
     # A cube to look at: centre, half edge, level, and whether it is known to be inside.
     stack = np.empty((8 * (levels + 1), 6))
-    stack[0, :3] = centre
+    set_point(stack[0], centre[0], centre[1], centre[2])
     stack[0, 3], stack[0, 4], stack[0, 5] = half, 0.0, 0.0
     height = 1
     cells = np.empty((4096, CELL_SIZE))
@@ -202,7 +222,7 @@ def cut_into_cells(
         height -= 1
         x, y, z, a = stack[height, 0], stack[height, 1], stack[height, 2], stack[height, 3]
         level, inside = int(stack[height, 4]), stack[height, 5] > 0.5
-        p = np.array([x, y, z])
+        set_point(p, x, y, z)
         best = np.inf
         for i in range(lengths[level]):
             t = lists[level, i]
@@ -228,9 +248,7 @@ def cut_into_cells(
                 pure = False
         if (pure and a <= coarsest) or a <= finest:
             if used == cells.shape[0]:
-                grown = np.empty((2 * used, CELL_SIZE))
-                grown[:used] = cells
-                cells = grown
+                cells = doubled(cells)
             cells[used, 0], cells[used, 1], cells[used, 2], cells[used, 3] = x, y, z, a
             cells[used, 4] = -distance if pure and inside else distance
             used += 1
@@ -243,7 +261,7 @@ def cut_into_cells(
                 lists[level + 1, kept] = lists[level, i]
                 kept += 1
         lengths[level + 1] = kept
-        centres[level] = p
+        set_point(centres[level], x, y, z)
         windings[level] = -1.0
         for child in range(8):
             stack[height, 0] = x + (0.5 * a if child & 1 else -0.5 * a)
@@ -268,22 +286,30 @@ def recut_cells(
     """Smaller cells, (m, CELL_SIZE), that cover what a solid shares with each of some cells (n, ...) of a ball."""
     nearest = np.empty(3)
     distances = np.empty(triangles.shape[0])
+    least = np.inf
     for t in range(triangles.shape[0]):
-        squared = squared_distance(ball[:3], triangles[t, 0], triangles[t, 1], triangles[t, 2], nearest)
+        squared = squared_distance(ball, triangles[t, 0], triangles[t, 1], triangles[t, 2], nearest)
         distances[t] = math.sqrt(squared)
+        least = min(least, distances[t])
     # From any point of the ball, the nearest triangle is no further than that of the centre plus the radius.
-    near = np.flatnonzero(distances <= (distances.min() + 2.0 * ball[3]) * (1.0 + 1e-9))
+    limit = (least + 2.0 * ball[3]) * (1.0 + 1e-9)
+    near = np.empty(triangles.shape[0], np.int64)
+    kept = 0
+    for t in range(triangles.shape[0]):
+        if distances[t] <= limit:
+            near[kept] = t
+            kept += 1
     result = np.empty((256, CELL_SIZE))
     used = 0
     for i in range(cells.shape[0]):
-        centre, half = cells[i, :3].copy(), cells[i, 3]
-        parts = cut_into_cells(triangles, near, open_edges, open_length, centre, half, finest, coarsest)
+        half = cells[i, 3]
+        parts = cut_into_cells(triangles, near[:kept], open_edges, open_length, cells[i], half, finest, coarsest)
         while used + parts.shape[0] > result.shape[0]:
-            grown = np.empty((2 * result.shape[0], CELL_SIZE))
-            grown[:used] = result[:used]
-            result = grown
-        result[used : used + parts.shape[0]] = parts
-        used += parts.shape[0]
+            result = doubled(result)
+        for k in range(parts.shape[0]):
+            for column in range(CELL_SIZE):
+                result[used, column] = parts[k, column]
+            used += 1
     return result[:used].copy()
 
 
@@ -301,9 +327,7 @@ def touching_balls(first: Floats, second: Floats, centre: Floats, radius: float)
             dx, dy, dz = x - second[j, 0], y - second[j, 1], z - second[j, 2]
             if dx * dx + dy * dy + dz * dz < (r + second[j, 3]) ** 2:
                 if used == found.shape[0]:
-                    grown = np.empty((2 * used, 2), np.int64)
-                    grown[:used] = found
-                    found = grown
+                    found = doubled(found)
                 found[used, 0], found[used, 1] = i, j
                 used += 1
     return found[:used].copy()
@@ -313,21 +337,34 @@ def touching_balls(first: Floats, second: Floats, centre: Floats, radius: float)
 def is_outermost(triangles: Floats, offset: float) -> NDArray[np.bool_]:
     """(m,) for which triangles a point close to it is outside of the solid: only some points are looked at."""
     found = np.zeros(triangles.shape[0], np.bool_)
+    p = np.empty(3)
     for i in range(triangles.shape[0]):
         a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
-        normal = np.cross(b - a, c - a)
-        length = math.sqrt((normal * normal).sum())
+        x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        u, v, w = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        nx, ny, nz = y * w - z * v, z * u - x * w, x * v - y * u
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
         if length > 0.0:
-            middle = (a + b + c) / 3.0
             for corner in range(4):
-                point = middle if corner == 3 else 0.1 * middle + 0.9 * triangles[i, corner]
-                for side in (-1.0, 1.0):
-                    p = point + side * offset / length * normal
+                # The middle, or close to a corner.
+                share = 0.0 if corner == 3 else 0.9
+                own = triangles[i, corner % 3]
+                for side in range(2):
+                    shift = (offset if side else -offset) / length
+                    for k in range(3):
+                        step = nx if k == 0 else (ny if k == 1 else nz)
+                        p[k] = (1.0 - share) * (a[k] + b[k] + c[k]) / 3.0 + share * own[k] + shift * step
                     winding = ray_winding(p, triangles)
                     if winding < 0.0:
                         winding = solid_angle_winding(p, triangles)
                     found[i] |= winding < 0.5
     return found
+
+
+@kernel(inline="always")
+def move_along(start: Floats, length: float, direction: Floats, target: Floats) -> None:
+    for k in range(3):
+        target[k] = start[k] + length * direction[k]
 
 
 @kernel
@@ -342,25 +379,30 @@ def medial_balls(points: Floats, triangles: Floats, tolerance: float) -> Floats:
         (k, 4) centres and distances from the surface [m].
     """
     balls = np.empty((points.shape[0], 4))
-    nearest, other = np.empty(3), np.empty(3)
+    nearest, other, tried, direction = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(points.shape[0]):
         first = distance_to(points[i], triangles, nearest)
-        balls[i, :3] = points[i]
+        set_point(balls[i], points[i, 0], points[i, 1], points[i, 2])
         balls[i, 3] = first
         if first <= 0.0:
             continue
-        direction = (points[i] - nearest) / first
+        for k in range(3):
+            direction[k] = (points[i, k] - nearest[k]) / first
         low, high = first, 2.0 * first
-        while high < 1e3 and distance_to(nearest + high * direction, triangles, other) >= high - tolerance:
+        while high < 1e3:
+            move_along(nearest, high, direction, tried)
+            if distance_to(tried, triangles, other) < high - tolerance:
+                break
             low, high = high, 2.0 * high
         for _ in range(12):
             if high - low < tolerance:
                 break
             middle = 0.5 * (low + high)
-            if distance_to(nearest + middle * direction, triangles, other) >= middle - tolerance:
+            move_along(nearest, middle, direction, tried)
+            if distance_to(tried, triangles, other) >= middle - tolerance:
                 low = middle
             else:
                 high = middle
-        balls[i, :3] = nearest + low * direction
-        balls[i, 3] = distance_to(balls[i, :3], triangles, other)
+        move_along(nearest, low, direction, balls[i])
+        balls[i, 3] = distance_to(balls[i], triangles, other)
     return balls

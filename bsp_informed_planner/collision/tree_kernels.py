@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.collision.check_arrays_kernels import (
+    ALL_MAY_TOUCH,
     ENCLOSING,
     LANES,
+    SOME_MAY_TOUCH,
     STOP,
     SURELY,
     Indices,
@@ -19,7 +21,11 @@ from bsp_informed_planner.collision.check_arrays_kernels import (
 )
 from bsp_informed_planner.collision.lane_kernels import FAST, ZERO, place_sphere, spheres_touch
 from bsp_informed_planner.collision.obstacle_kernels import near_bounds, near_part
+from bsp_informed_planner.collision.stored_checks_kernels import load_checks
 from bsp_informed_planner.compiled import kernel
+
+# `group_near_obstacles` and `groups_touch` are parts of one function, for whatever is a function of its own is compiled
+# once more for those that call it.
 
 # Room that the stack keeps for the children of a node; a fuller one counts as a hit (SURELY: as none).
 STACK_RESERVE = 512
@@ -45,7 +51,7 @@ def push_children(stack: Indices, height: int, ends: Indices, node: int, other: 
     return height
 
 
-@kernel(**FAST)
+@kernel(inline="always", **FAST)
 def group_near_obstacles(
     group: int,
     robot: RobotBounds,
@@ -59,7 +65,7 @@ def group_near_obstacles(
 ) -> bool:
     """Closes the lanes in which a sphere of a group hits an obstacle. True ends all tests: STOP, or no open lanes."""
     stack, lanes, hits = scratch.stack, scratch.open, scratch.hits
-    frame = scratch.frames[robot.joints[group]]
+    frame, allowed = scratch.frames[robot.joints[group]], obstacles.allowed[group]
     slack, bend, now = scratch.slack[group], scratch.bend[group], scratch.clock[0]
     stack[0, 0], stack[0, 1] = tree.roots[group], 0
     height = 1
@@ -81,6 +87,8 @@ def group_near_obstacles(
                 height = push_children(stack, height, obstacles.ends, body, node, False)
             else:
                 height = push_children(stack, height, tree.ends, node, body, True)
+        elif allowed[obstacles.classes[body]] & (SOME_MAY_TOUCH if mode & SURELY else ALL_MAY_TOUCH):
+            continue
         else:
             part, planes = obstacles.parts[body], obstacles.planes
             if mode & SURELY:
@@ -106,7 +114,7 @@ def group_near_obstacles(
     return False
 
 
-@kernel(**FAST)
+@kernel(inline="always", **FAST)
 def groups_touch(
     first: int,
     second: int,
@@ -162,31 +170,26 @@ def groups_touch(
     return False
 
 
-@kernel
-def close_hit_lanes(
-    robot: RobotBounds,
-    tree: SphereTree,
-    obstacles: Obstacles,
-    margin: np.float32,
-    scratch: Scratch,
-    rows: Singles,
-    ages: Indices,
-    mode: np.int64,
-) -> bool:
-    """Looks at all groups of the placed robot, and closes the open lanes in which a sphere of `tree` hits something.
+@kernel(**FAST)
+def close_hit_lanes(stored: object, mode: np.int64) -> bool:
+    """Looks at all groups of the placed robot, and closes the open lanes in which a sphere of its hits something.
 
     Args:
-        robot: whose joints are placed (`place_joints`).
-        tree: its outer or its inner spheres.
-        obstacles: of the scene.
-        margin: added to radii against obstacles [m].
-        scratch: its open lanes are looked at; slack and bend matter if swept.
-        rows, ages: of the tree, in the scratch memory.
-        mode: sum of SWEPT, SURELY and STOP.
+        stored: the checks (`load_checks`): handed over as arrays they would take longer to pass on than a test, and to
+            compile. The joints of the robot are placed (`place_joints`), the open lanes are looked at, and slack and
+            bend matter if swept.
+        mode: sum of SWEPT, STOP, and SURELY for the inner spheres; else it is about the outer ones.
 
     Returns:
         whether any lane was closed.
     """
+    checks = load_checks(stored)
+    robot, obstacles, scratch = checks.robot, checks.obstacles, checks.scratch
+    inside = mode & SURELY != 0
+    tree = robot.inner if inside else robot.outer
+    rows = scratch.inner if inside else scratch.outer
+    ages = scratch.inner_ages if inside else scratch.outer_ages
+    margin = np.float32(checks.inner_margin if inside else checks.outer_margin)
     scratch.clock[0] += 1
     before = count_open(scratch.open)
     ended = False

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bsp_informed_planner.collision.check_arrays_kernels import LANES, STOP, SURELY, SWEPT, Checks, Indices
+from bsp_informed_planner.collision.check_arrays_kernels import LANES, STOP, SURELY, SWEPT, Checks, Lanes
 from bsp_informed_planner.collision.lane_kernels import bound_accelerations, place_joints, reduced_half
+from bsp_informed_planner.collision.stored_checks_kernels import load_checks
 from bsp_informed_planner.collision.tree_kernels import close_hit_lanes
 from bsp_informed_planner.compiled import kernel
 
@@ -28,16 +29,17 @@ MOST_SETS = 48
 LONGEST_INTERVAL = 0.1
 
 
-@kernel
-def is_finite(configuration: Floats) -> bool:
-    finite = True
-    for value in configuration:
-        finite &= bool(np.isfinite(value))
-    return finite
+@kernel(inline="always")
+def is_within(configuration: Floats, lower: Floats, upper: Floats) -> bool:
+    """Whether a configuration is within limits; False if it is not finite."""
+    within = True
+    for i in range(lower.shape[0]):
+        within &= lower[i] <= configuration[i] <= upper[i]
+    return within
 
 
-@kernel
-def place_robot(start: Floats, step: Floats, begin: float, spacing: float, checks: Checks) -> None:
+@kernel(inline="always")
+def place_edge(start: Floats, step: Floats, begin: float, spacing: float, checks: Checks) -> None:
     """Joints of the states start + (begin + k * spacing) * step of all lanes k."""
     chain, values = checks.robot.chain, checks.scratch.values
     for joint in range(chain.places.shape[0]):
@@ -52,128 +54,85 @@ def place_robot(start: Floats, step: Floats, begin: float, spacing: float, check
     place_joints(chain, values, checks.scratch.frames, checks.scratch.turning)
 
 
-# Inlined, since a function of its own would be one more copy of all that it calls to compile.
+@kernel(inline="always")
+def set_lanes(lanes: Lanes, value: int) -> None:
+    for k in range(LANES):
+        lanes[k] = value
 
 
 @kernel(inline="always")
-def hits_outer(checks: Checks, mode: np.int64) -> bool:
-    """`close_hit_lanes` with the outer spheres; mode: sum of SWEPT and STOP."""
-    scratch = checks.scratch
-    return close_hit_lanes(
-        checks.robot,
-        checks.robot.outer,
-        checks.obstacles,
-        np.float32(checks.outer_margin),
-        scratch,
-        scratch.outer,
-        scratch.outer_ages,
-        mode,
-    )
+def clear_slack(checks: Checks) -> None:
+    for group in range(checks.scratch.slack.shape[0]):
+        checks.scratch.slack[group] = np.float32(0.0)
+
+
+# Inlined, since a function of its own would be one more copy of all that it calls to compile. `answer` allocates
+# nothing, and needs not count references.
 
 
 @kernel(inline="always")
-def hits_inner(checks: Checks, mode: np.int64) -> bool:
-    """`close_hit_lanes` with the inner spheres; mode: STOP or 0."""
-    scratch = checks.scratch
-    scratch.slack[:] = np.float32(0.0)
-    return close_hit_lanes(
-        checks.robot,
-        checks.robot.inner,
-        checks.obstacles,
-        np.float32(checks.inner_margin),
-        scratch,
-        scratch.inner,
-        scratch.inner_ages,
-        np.int64(SURELY) | mode,
-    )
+def state_verdicts(configurations: Floats, checks: Checks, stored: object, verdicts: Floats) -> None:
+    """FREE, COLLIDING or UNDECIDED: what is certain of configurations (m n,), sixteen at a time, into verdicts (m,).
 
-
-@kernel
-def state_verdict(configuration: Floats, checks: Checks) -> int:
-    """FREE, COLLIDING or UNDECIDED: what is certain of a configuration (n,)."""
-    if not is_finite(configuration):
-        return UNDECIDED
-    scratch = checks.scratch
-    place_robot(configuration, configuration, 0.0, 0.0, checks)
-    scratch.open[:] = 1
-    scratch.slack[:] = np.float32(0.0)
-    if not hits_outer(checks, np.int64(STOP)):
-        return FREE
-    scratch.open[:] = 1
-    if hits_inner(checks, np.int64(STOP)):
-        return COLLIDING
-    return UNDECIDED
-
-
-@kernel
-def state_verdicts(configurations: Floats, checks: Checks, verdicts: Indices) -> None:
-    """`state_verdict` of many configurations (m, n), sixteen at a time, into verdicts (m,)."""
-    chain, scratch = checks.robot.chain, checks.scratch
-    count = configurations.shape[0]
+    Nothing is certain outside of the limits. `stored` are the same checks.
+    """
+    chain, scratch, lower, upper = checks.robot.chain, checks.scratch, checks.robot.lower, checks.robot.upper
+    count, dof = verdicts.shape[0], lower.shape[0]
     for begin in range(0, count, LANES):
         lanes = min(LANES, count - begin)
-        scratch.open[:] = 0
         for k in range(LANES):
-            configuration = configurations[begin + min(k, lanes - 1)]
-            finite = is_finite(configuration)
-            if k < lanes:
-                verdicts[begin + k] = UNDECIDED
-                scratch.open[k] = 1 if finite else 0
+            first = (begin + min(k, lanes - 1)) * dof
+            configuration = configurations[first : first + dof]
+            within = is_within(configuration, lower, upper)
+            scratch.open[k] = 1 if within and k < lanes else 0
+            scratch.asked[k] = scratch.open[k]
             for joint in range(chain.places.shape[0]):
-                value = configuration[chain.places[joint]] if finite else 0.0
+                value = configuration[chain.places[joint]] if within else 0.0
                 if chain.prismatic[joint] == 0:
                     scratch.values[joint, k] = reduced_half(value)
                 else:
                     scratch.values[joint, k] = np.float32(value)
         place_joints(chain, scratch.values, scratch.frames, scratch.turning)
-        scratch.slack[:] = np.float32(0.0)
-        asked = scratch.open.copy()
-        hit = hits_outer(checks, np.int64(0))
+        clear_slack(checks)
+        hit = close_hit_lanes(stored, np.int64(0))
         for k in range(lanes):
-            if asked[k] == 1 and scratch.open[k] == 1:
-                verdicts[begin + k] = FREE
-            scratch.open[k] = asked[k] & (1 - scratch.open[k])
+            verdicts[begin + k] = FREE if scratch.open[k] == 1 else UNDECIDED
+            # Now, and in what is asked, the lanes that are not free.
+            scratch.open[k] = scratch.asked[k] & (1 - scratch.open[k])
+            scratch.asked[k] = scratch.open[k]
         if hit:
-            asked[:] = scratch.open
-            hits_inner(checks, np.int64(0))
+            close_hit_lanes(stored, np.int64(SURELY))
             for k in range(lanes):
-                if asked[k] == 1 and scratch.open[k] == 0:
+                if scratch.asked[k] == 1 and scratch.open[k] == 0:
                     verdicts[begin + k] = COLLIDING
 
 
-@kernel
-def edge_verdict(start: Floats, end: Floats, checks: Checks) -> int:
-    """FREE, COLLIDING or UNDECIDED: what is certain of the straight edge from start to end, both (n,).
+@kernel(inline="always")
+def examine_edge(start: Floats, end: Floats, checks: Checks, stored: object, left: Floats) -> tuple[int, int]:
+    """What is certain of the straight edge from start to end, both (n,), and which parts are left to judge.
 
-    FREE: no state of the edge, continuously, is in collision. COLLIDING: some state is. Prismatic joints are within
-    their limits.
-    """
-    return examine_edge(start, end, checks, np.empty((0, 2)))[0]
-
-
-@kernel
-def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tuple[int, int]:
-    """`edge_verdict`, and which parts of an undecided edge are left to judge.
+    FREE: no state of the edge, continuously, is in collision. COLLIDING: some state is. Of edges that leave the limits
+    nothing is certain.
 
     Args:
-        start, end: (n,).
+        start, end: (n,) or longer.
         checks: of this thread.
-        left: (m, 2) receives intervals in [0, 1] outside of which an undecided edge is free. Without room for any, the
-            search ends sooner. Too little room: the last interval reaches to the end.
+        stored: the same checks.
+        left: (2 m,) receives begins and ends of intervals in [0, 1] outside of which an undecided edge is free. Without
+            room for any, the search ends sooner. Too little room: the last interval reaches to the end.
 
     Returns:
         the verdict, and the number of intervals written.
     """
-    if not (is_finite(start) and is_finite(end)):
-        if left.shape[0] > 0:
-            left[0, 0], left[0, 1] = 0.0, 1.0
-        return UNDECIDED, min(left.shape[0], 1)
     robot, scratch = checks.robot, checks.scratch
-    step = end - start
+    if not (is_within(start, robot.lower, robot.upper) and is_within(end, robot.lower, robot.upper)):
+        return UNDECIDED, leave(left, np.int64(0), 0.0, 1.0)
+    step = scratch.step
     motion = 0.0
-    for i in range(step.shape[0]):
+    for i in range(robot.lower.shape[0]):
+        step[i] = end[i] - start[i]
         motion += checks.motion[i] * abs(step[i])
-    turned = scratch.values[:, 0]
+    turned = scratch.turned
     for joint in range(robot.chain.places.shape[0]):
         turned[joint] = np.float32(step[robot.chain.places[joint]] * 1.000001)
     bound_accelerations(turned, robot.chain, robot.joints, robot.levers, scratch.accelerations)
@@ -186,6 +145,7 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tu
     looked = 0
     undecided = False
     count = 0
+    failed, stuck = scratch.asked, scratch.stuck
     while height > 0:
         height -= 1
         begin, finish = pending[height, 0], pending[height, 1]
@@ -195,27 +155,29 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tu
             count = leave(left, count, begin, finish)
             continue
         looked += 1
-        place_robot(start, step, begin, spacing, checks)
-        if undecided and left.shape[0] == 0:
-            # The edge is not free for certain, but it may still be in collision for certain.
-            scratch.open[:] = 1
-            if hits_inner(checks, np.int64(STOP)):
-                return COLLIDING, 0
-            continue
-        for group in range(robot.joints.shape[0]):
-            scratch.bend[group] = scratch.accelerations[group] * np.float32(spacing * spacing)
-            scratch.slack[group] = scratch.bend[group] * np.float32(0.125)
-        scratch.open[:] = 1
-        if not hits_outer(checks, np.int64(SWEPT)):
-            continue
-        failed = 1 - scratch.open
-        scratch.open[:] = 1
-        if hits_inner(checks, np.int64(STOP)):
+        place_edge(start, step, begin, spacing, checks)
+        set_lanes(scratch.open, 1)
+        # Without room for intervals an undecided edge may still be in collision for certain, but is not free.
+        if not (undecided and left.shape[0] == 0):
+            for group in range(robot.joints.shape[0]):
+                scratch.bend[group] = scratch.accelerations[group] * np.float32(spacing * spacing)
+                scratch.slack[group] = scratch.bend[group] * np.float32(0.125)
+            if not close_hit_lanes(stored, np.int64(SWEPT)):
+                continue
+            for k in range(LANES):
+                failed[k] = 1 - scratch.open[k]
+                scratch.open[k] = 1
+        clear_slack(checks)
+        if close_hit_lanes(stored, np.int64(SURELY | STOP)):
             return COLLIDING, 0
+        if undecided and left.shape[0] == 0:
+            continue
         # States that the spheres hit as they are: halving will not help there.
-        scratch.open[:] = failed
-        hits_outer(checks, np.int64(0))
-        stuck = failed & (1 - scratch.open)
+        for k in range(LANES):
+            scratch.open[k] = failed[k]
+        close_hit_lanes(stored, np.int64(0))
+        for k in range(LANES):
+            stuck[k] = failed[k] & (1 - scratch.open[k])
         halve = motion * spacing > checks.finest
         k = 0
         while k < INTERVALS:
@@ -245,14 +207,38 @@ def examine_edge(start: Floats, end: Floats, checks: Checks, left: Floats) -> tu
     return (UNDECIDED if undecided else FREE), count
 
 
-@kernel
+@kernel(_nrt=False)
 def leave(left: Floats, count: int, low: float, high: float) -> int:
     """Adds an interval to those that are left. Returns their number."""
     if left.shape[0] == 0:
         return 0
-    if count == left.shape[0]:
-        left[count - 1, 0] = min(left[count - 1, 0], low)
-        left[count - 1, 1] = max(left[count - 1, 1], high)
+    if 2 * count == left.shape[0]:
+        left[2 * count - 2] = min(left[2 * count - 2], low)
+        left[2 * count - 1] = max(left[2 * count - 1], high)
         return count
-    left[count, 0], left[count, 1] = low, high
+    left[2 * count], left[2 * count + 1] = low, high
     return count + 1
+
+
+#: Questions: whether edges are free; about states; and which parts of an edge are left.
+EDGE, STATES, PARTS = 0, 1, 2
+#: How many kinds of questions there are.
+KINDS = 3
+
+
+@kernel(_nrt=False)
+def answer(first: Floats, second: Floats, kind: int, stored: object) -> int:
+    """Answers a question: one more than the verdict (STATES: on the last), plus KINDS times the number of intervals.
+
+    Args:
+        first: (n,) the begin of an edge, or (m n,) states.
+        second: (n,) its end; PARTS: and room for intervals; STATES: (m,) room for the verdicts.
+        kind: of question.
+        stored: checks of this thread.
+    """
+    checks = load_checks(stored)
+    if kind == STATES:
+        state_verdicts(first, checks, stored, second)
+        return 1 + int(second[second.shape[0] - 1])
+    verdict, count = examine_edge(first, second, checks, stored, second[checks.robot.lower.shape[0] :])
+    return 1 + verdict + KINDS * count

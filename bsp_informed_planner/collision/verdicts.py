@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.collision.check_arrays_kernels import Checks
-from bsp_informed_planner.collision.verdict_batch_kernels import edge_verdicts, state_verdicts
 from bsp_informed_planner.collision.verdict_calls_kernels import (
     INTERVALS,
     UNDECIDED,
+    edge_verdicts,
     examined_edge,
     judgement,
     state_verdict,
+    state_verdicts,
 )
 from bsp_informed_planner.decomposition.array_types import Floats, Indices
 
@@ -23,15 +24,14 @@ class Verdicts:
 
     Args:
         checks: of robot, scene and padding.
-        sure_hits: False: some bodies may touch that the checks do not know of, so nothing is called COLLIDING.
 
     Attributes:
         judgement: the same for kernels, valid as long as this lives.
     """
 
-    def __init__(self, checks: Checks, sure_hits: bool = True) -> None:
+    def __init__(self, checks: Checks) -> None:
         self._checks = checks
-        self.judgement = judgement(checks, sure_hits)
+        self.judgement = judgement(checks)
 
     def of_state(self, configuration: Floats) -> int:
         """The verdict on a configuration (n,), contiguous."""
@@ -39,7 +39,8 @@ class Verdicts:
 
     def of_states(self, configurations: Floats) -> Indices:
         """(m,) the verdict on each of the configurations (m, n)."""
-        return state_verdicts(np.ascontiguousarray(configurations, dtype=np.float64), self.judgement)
+        states = np.ascontiguousarray(configurations, dtype=np.float64)
+        return state_verdicts(states, self.judgement).astype(np.int64)
 
     def of_edges(self, starts: Floats, ends: Floats) -> Indices:
         """(m,) the verdict on each of the straight edges from starts (m, n) to ends (m, n)."""

@@ -75,7 +75,7 @@ def partition_cost(
     return cost + imbalance_weight * abs(front - back)
 
 
-@kernel
+@kernel(inline="always")
 def cheapest_partition(
     planes: Floats,
     members: Indices,

@@ -11,7 +11,7 @@ from bsp_informed_planner.decomposition.array_types import Floats, Indices
 from bsp_informed_planner.decomposition.clipping_kernels import ON_PLANE, with_rows
 
 
-@kernel
+@kernel(inline="always")
 def polygon_width(flat: Floats, count: int) -> float:
     """The least distance between two parallel lines around a convex polygon, in the first rows of `flat` (n, 2)."""
     width = np.inf
@@ -29,7 +29,7 @@ def polygon_width(flat: Floats, count: int) -> float:
     return width if width < np.inf else 0.0
 
 
-@kernel
+@kernel(inline="always")
 def polygon_centroid(flat: Floats, count: int) -> tuple[float, float, float]:
     """Centroid and signed area of a polygon in the first rows of `flat` (n, 2)."""
     area, cu, cv = 0.0, 0.0, 0.0
@@ -57,7 +57,7 @@ def is_inside(flat: Floats, count: int, u: float, v: float, orientation: float, 
     return True
 
 
-@kernel
+@kernel(inline="always")
 def portal_axes(corners: Floats, begin: int, end: int, normal: Floats, horizontal: bool, axes: Floats) -> None:
     """Writes two orthogonal unit vectors in a portal's plane: along its longest edge, or horizontal, and across."""
     if horizontal:

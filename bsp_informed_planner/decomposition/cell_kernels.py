@@ -72,7 +72,7 @@ def cell_faces(
     return corners[:used].copy(), offsets[: faces + 1].copy(), planes[:faces].copy()
 
 
-@kernel
+@kernel(inline="always")
 def interior_points(corners: Floats, offsets: Indices, cells: Indices, nodes: int) -> Floats:
     """(n, 3) a point inside each cell, the mean of the corners on its border; NaN for all other nodes.
 
@@ -154,7 +154,7 @@ def cells_of_body(
     return found, count
 
 
-@kernel
+@kernel(inline="always")
 def solid_cells(
     node_planes: Floats,
     node_front: Indices,

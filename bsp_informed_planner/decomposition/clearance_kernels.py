@@ -36,7 +36,7 @@ def box_gap_square(boxes: Floats, box: int, points: Floats, point: int) -> float
     return square
 
 
-@kernel
+@kernel(inline="always")
 def buckets_of_boxes(boxes: Floats, margin: float, lower: Floats, upper: Floats, size: int) -> tuple[Indices, Indices]:
     """Files boxes, larger by `margin`, in a grid of size^3 buckets between `lower` and `upper`.
 
@@ -133,7 +133,7 @@ def clearances(
     return result
 
 
-@kernel
+@kernel(inline="always")
 def update_clearances(
     points: Floats,
     distances: Floats,

@@ -150,7 +150,7 @@ def bounding_sphere(corners: Floats, first: int, count: int, spheres: Floats, ro
     spheres[row, 3] = math.sqrt(largest) + ON_PLANE
 
 
-@kernel
+@kernel(inline="always")
 def is_in_front(corners: Floats, first: int, count: int, planes: Floats, row: int) -> bool:
     """Whether a polygon is strictly in front of the plane `planes[row]`."""
     a, b, c, d = planes[row, 0], planes[row, 1], planes[row, 2], planes[row, 3]

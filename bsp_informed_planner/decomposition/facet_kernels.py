@@ -96,7 +96,7 @@ def clip_facets(
     )
 
 
-@kernel
+@kernel(inline="always")
 def thickness_behind(vertices: Floats, begin: int, end: int, planes: Floats, row: int, limit: float) -> float:
     """How far a polytope reaches behind the plane of one of its facets [m], any number of at least `limit` beyond that.
 

@@ -17,7 +17,7 @@ BOX_MARGIN = 1e-4
 STEEP = 1e-2
 
 
-@kernel
+@kernel(inline="always")
 def cut_box(boxes: Floats, box: int, child: int, planes: Floats, row: int, side: float) -> None:
     """Writes a box around that part of a row of `boxes` (b, 2, 3) which is beyond a plane to another row.
 
@@ -43,7 +43,7 @@ def cut_box(boxes: Floats, box: int, child: int, planes: Floats, row: int, side:
         boxes[child, 0, k], boxes[child, 1, k] = lower, upper
 
 
-@kernel
+@kernel(inline="always")
 def replaced_boxes(
     planes: Floats, old_planes: Indices, old_front: Indices, old_back: Indices, fates: Indices
 ) -> Floats:
@@ -92,7 +92,7 @@ def is_near_box(corners: Floats, begin: int, end: int, spheres: Floats, facet: i
     return True
 
 
-@kernel
+@kernel(inline="always")
 def facets_to_partition(
     corners: Floats,
     offsets: Indices,

@@ -39,7 +39,7 @@ FORMER: Any = np.int64(2)
 ANY: Any = FRESH | FORMER
 
 
-@kernel
+@kernel(inline="always")
 def mark_nodes(node_front: Indices, node_back: Indices, new_numbers: Indices) -> Indices:
     """(n,) for each node FRESH, FORMER or ANY: what there is among the cells below it.
 
@@ -62,7 +62,7 @@ def mark_nodes(node_front: Indices, node_back: Indices, new_numbers: Indices) ->
     return marks
 
 
-@kernel
+@kernel(inline="always")
 def push_down(
     polygon: Floats,
     count: int,
@@ -157,7 +157,7 @@ def push_down(
     return portals
 
 
-@kernel
+@kernel(inline="always")
 def partition_polygon(
     origin: int,
     node_planes: Floats,
@@ -195,7 +195,7 @@ def partition_polygon(
     return count
 
 
-@kernel
+@kernel(inline="always")
 def cut_portals(
     node_planes: Floats,
     node_front: Indices,
@@ -279,7 +279,7 @@ def cut_portals(
     return corners[:used].copy(), offsets[: portals + 1].copy(), cells[:portals].copy(), partitions[:portals].copy()
 
 
-@kernel
+@kernel(inline="always")
 def free_portals(
     corners: Floats, offsets: Indices, cells: Indices, partitions: Indices, solid: Flags
 ) -> tuple[Floats, Indices, Indices, Indices]:

@@ -155,7 +155,7 @@ def exchange_facets(
     return new_corners, new_offsets, new_planes, new_areas, new_spheres, new_bodies, new_snapped
 
 
-@kernel
+@kernel(inline="always")
 def join_portals(
     old_corners: Floats,
     old_offsets: Indices,

@@ -72,7 +72,7 @@ def free_cell_near(
     return -1
 
 
-@kernel
+@kernel(inline="always")
 def inside_interval(a: Floats, b: Floats, lower: Floats, upper: Floats) -> tuple[float, float]:
     """The share of a segment, from 0 to 1, within a box; the first number is the larger one if there is none."""
     begin, end = 0.0, 1.0

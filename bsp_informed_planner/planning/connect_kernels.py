@@ -59,7 +59,7 @@ class Trees(NamedTuple):
     counters: Indices
 
 
-@kernel
+@kernel(inline="always")
 def _push_fresh(trees: Trees, tree: int, node: int) -> None:
     count = trees.counters[FRESH]
     if count < trees.fresh.shape[0]:

@@ -80,7 +80,7 @@ def _enclose(box: Floats, node: Floats) -> None:
         box[n + i] = max(box[n + i], node[i])
 
 
-@kernel
+@kernel(inline="always")
 def _select(order: Indices, low: int, high: int, middle: int, nodes: Floats, axis: int) -> None:
     """Puts the row that is at `middle` in the order along an axis there, smaller ones before (Hoare, 1961)."""
     high -= 1

@@ -59,6 +59,9 @@ logger = logging.getLogger(__name__)
 #: Time kept back for timing the path that is returned: a share of what is allowed, at most so many seconds.
 RESERVE_SHARE = 0.15
 RESERVE_SECONDS = 0.3
+#: Work that kernels are given at a time, about a millisecond: a number of edges, of arms and of robots that only slide.
+#: It does not hang on the clock, since what is found may hang on it.
+WORK, SLIDING_WORK = 64, 1024
 #: Judges of different paddings that are kept, and idle ones of each.
 MAX_JUDGES = 8
 
@@ -179,19 +182,25 @@ class Planner:
             self._decomposition = decompose(self.scene, self._decomposition_options)
         return self._decomposition
 
-    def get_ready(self, threads: int = 1) -> None:
+    def get_ready(self, threads: int = 1, *, decompose: bool = True) -> None:
         """Make what the first plan would make and all later ones use: some milliseconds that need not be a plan's.
 
-        That is the last check, for a plan without padding; not the decomposition.
+        That is the last check, for plans without padding, and the decomposition.
 
         Args:
-            threads: of the plan.
+            threads: of the plans.
+            decompose: whether plans will need the decomposition.
+
+        Raises:
+            SceneError: if the scene cannot be decomposed.
         """
+        if decompose:
+            _ = self.decomposition
         judges = tuple(self._judge(0.0, self._finest) for _ in range(threads))
-        middle = 0.5 * (np.asarray(self.robot.lower) + np.asarray(self.robot.upper))
+        lower, upper = np.asarray(self.robot.lower), np.asarray(self.robot.upper)
         for judge in judges:
-            judge.verdicts.of_states(middle[None])
-            judge.judge.touches(middle)
+            judge.surely_free_edges(np.linspace(0.75 * lower + 0.25 * upper, 0.25 * lower + 0.75 * upper, 4))
+            judge.judge.touches(0.5 * (lower + upper))
             judge.certifier.get_ready()
         self._return_judges((0.0, self._finest), judges)
 
@@ -288,7 +297,8 @@ class Planner:
             raise UnknownSamplerError(options.sampler_id, SAMPLER_IDS)
         seed = secrets.randbits(32) if options.seed is None else options.seed
         reserve = min(RESERVE_SHARE * options.allowed_seconds, RESERVE_SECONDS)
-        budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled)
+        work = WORK if self.robot.revolute.any() else SLIDING_WORK
+        budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled, work)
         if options.cost_weights is not None and len(options.cost_weights) != self.robot.dof:
             raise InvalidOptionError("cost_weights", options.cost_weights, f"{self.robot.dof} numbers, one a joint")
         if options.max_samples is not None:

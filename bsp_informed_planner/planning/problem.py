@@ -95,7 +95,7 @@ class PlanOptions:
         max_goals: most goal configurations (branches and windings) made from each pose.
         cost_weights: (n,) of the joints in lengths, and so in the cost and in `max_step`; None: 1 each.
         threads: 2: two threads search for one plan, each with samples of its own; the best path wins. Which one that is
-            may then depend on timing. It pays where cores are idle.
+            may then depend on timing. It can pay where processors are idle that share little with each other.
         keep_trees: keep the trees of the search in the result, to look at.
         ompl_simplify: whether OMPL's simplification shortens what "ompl_rrt_connect" finds.
     """

@@ -100,7 +100,7 @@ def _ask(star: Star, kind: int, parent: int, head: Floats, unsure: bool, checks:
         push_question(star.questions, kind, parent, head, head_unsure)
 
 
-@kernel
+@kernel(inline="always")
 def _choose_target(star: Star, space: Space, supply: Supply, goal_bias: float, target: Floats) -> None:
     unreached, chosen = 0, -1
     for g in range(star.goal_nodes.shape[0]):
@@ -120,7 +120,7 @@ def _choose_target(star: Star, space: Space, supply: Supply, goal_bias: float, t
             target[i] = space.ends[1 + chosen, i]
 
 
-@kernel
+@kernel(inline="always")
 def _grow(
     star: Star,
     space: Space,
@@ -194,7 +194,7 @@ def _grow(
     return node
 
 
-@kernel
+@kernel(inline="always")
 def _try_goals(
     star: Star, space: Space, checks: Judgement, rules: Rules, unsure_goals: Flags, node: int, ask: int
 ) -> None:

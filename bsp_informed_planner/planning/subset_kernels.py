@@ -73,7 +73,7 @@ def _uniform_in_box(space: Space, sample: Floats) -> None:
         sample[i] = space.box[0, i] + (space.box[1, i] - space.box[0, i]) * uniform(space.random)
 
 
-@kernel
+@kernel(inline="always")
 def _uniform_in_subset(space: Space, goal: Floats, sample: Floats) -> None:
     """Uniform in the prolate hyperspheroid whose foci are start and goal.
 
@@ -104,7 +104,7 @@ def _uniform_in_subset(space: Space, goal: Floats, sample: Floats) -> None:
         sample[i] = 0.5 * (space.ends[0, i] + goal[i]) + sample[i] / space.weights[i]
 
 
-@kernel
+@kernel(inline="always")
 def draw_uniform(space: Space, sample: Floats) -> None:
     """A uniform sample where a better path can lie, into `sample` (n,)."""
     if space.bound[0] == np.inf:

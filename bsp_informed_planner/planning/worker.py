@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.certifier import Verdict
@@ -96,7 +98,6 @@ class Worker:
         self._rng = rng
         self._incumbent = incumbent
         self.space = new_space(problem.start, problem.goals, *problem.box, rng, incumbent.weights, incumbent.bound)
-        self._unsure = self._verdicts.of_states(self.space.ends) != FREE
         self._uniform = SampleSource(len(problem.start), rng)
         self._mixture = self._uniform
         self._effort = LEAST_PATIENCE
@@ -104,6 +105,11 @@ class Worker:
         self._finished_nodes = 0
         self._trees: RrtConnect | None = None
         self._star: RrtStar | None = None
+
+    @cached_property
+    def _unsure(self) -> NDArray[np.bool_]:
+        """(1 + g,) which of start and goals the bounds leave open."""
+        return self._verdicts.of_states(self.space.ends) != FREE
 
     @property
     def nodes(self) -> int:

@@ -79,7 +79,7 @@ def chain_positions(rotations: Floats, offsets: Floats, prismatic: Flags, rows: 
     return positions
 
 
-@kernel
+@kernel(inline="always")
 def pose_error(target: Floats, rotation: Floats, position: Floats, e: Floats) -> None:
     """Position error and rotation vector from the pose to the target, both in the root frame, into e (6,)."""
     w = np.empty((3, 3))
@@ -109,7 +109,7 @@ def pose_error(target: Floats, rotation: Floats, position: Floats, e: Floats) ->
             e[3 + k] = (w[k, best] + (1.0 if k == best else 0.0)) / length * angle
 
 
-@kernel
+@kernel(inline="always")
 def damped_step(jacobian: Floats, e: Floats, damping: float, normal: Floats, step: Floats) -> bool:
     """Solve (J^T J + damping) step = J^T e by Cholesky decomposition; False where that breaks down."""
     dof = len(step)
@@ -146,7 +146,7 @@ def damped_step(jacobian: Floats, e: Floats, damping: float, normal: Floats, ste
     return True
 
 
-@kernel
+@kernel(inline="always")
 def turn_into_limits(values: Floats, prismatic: Flags, lower: Floats, upper: Floats) -> bool:
     """Turn revolute joints by full turns to the value nearest to zero within the limits; False if there is none."""
     turn = 2.0 * math.pi
@@ -183,7 +183,7 @@ def is_new(values: Floats, prismatic: Flags, found: Floats, count: int, distinct
     return True
 
 
-@kernel
+@kernel(inline="always")
 def solve_rows(
     rotations: Floats,
     offsets: Floats,

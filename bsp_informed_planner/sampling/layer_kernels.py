@@ -41,7 +41,7 @@ def wind_rows(rows: Floats, guess: Floats, lower: Floats, upper: Floats, revolut
     return wound
 
 
-@kernel
+@kernel(inline="always")
 def _is_blocked(a: Floats, b: Floats, blocked: Floats) -> bool:
     for k in range(blocked.shape[0]):
         same = True

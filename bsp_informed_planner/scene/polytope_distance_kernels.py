@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@kernel
+@kernel(inline="always")
 def square_to_segment(p: Floats, corners: Floats, a: int, b: int) -> float:
     """Squared distance of a point from the segment between two rows of `corners`."""
     along, length = 0.0, 0.0

@@ -18,7 +18,8 @@ from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
 from bsp_informed_planner.benchmarks.statistics import column, share, upper_bound_of_none
 from bsp_informed_planner.collision.bounds import bounds_of
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, UNDECIDED, edge_verdict
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE, UNDECIDED
+from bsp_informed_planner.collision.verdicts import Verdicts
 
 QUICK_EDGES, FULL_EDGES = 1500, 100_000
 EDGES_OF_A_CASE = 100
@@ -44,7 +45,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     """Edges in one scene, from free configurations, up to 1.5 rad or m long."""
     robot = robot_of(str(parameters["robot"]))
     scene = scene_of(str(parameters["family"]), str(parameters["robot"]), rng)
-    checks, judge = bounds_of(robot).checks(scene), ExactChecker(robot, scene)
+    verdicts, judge = Verdicts(bounds_of(robot).checks(scene)), ExactChecker(robot, scene)
     row = dict.fromkeys(
         ("free", "colliding", "certified", "decided_colliding", "undecided", "false_free", "false_hits", "fine"), 0
     )
@@ -56,7 +57,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             continue
         step = rng.normal(size=robot.dof)
         end = np.clip(start + rng.uniform(0.05, 1.5) * step / np.linalg.norm(step), robot.lower, robot.upper)
-        verdict = edge_verdict(start, end, checks)
+        verdict = int(verdicts.of_edges(start[None], end[None])[0])
         fine = verdict == FREE and rng.random() < FINE_SHARE
         free = judge.is_edge_free(start, end, FINE_SPACING if fine else SPACING)
         if free and verdict == COLLIDING:

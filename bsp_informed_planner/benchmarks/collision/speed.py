@@ -14,7 +14,8 @@ from bsp_informed_planner.benchmarks.statistics import column, median
 from bsp_informed_planner.benchmarks.stopwatch import time_calls
 from bsp_informed_planner.collision.bounds import bounds_of
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, UNDECIDED, edge_verdict, state_verdicts
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE, UNDECIDED
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
@@ -25,7 +26,7 @@ STATES, EDGES, EDGES_OF_COAL = 600, 200, 8
 
 def speed_part(quick: bool) -> Part:
     """Times in shelves."""
-    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(3 if quick else 20)]
+    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(2 if quick else 6)]
     return Part("speed", "Time of a verdict", cases, measure, summarise, Mode.ALONE)
 
 
@@ -34,23 +35,24 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     name = str(parameters["robot"])
     robot, scene = robot_of(name), shelf_for(name, rng).scene
     bounds, judge = bounds_of(robot), ExactChecker(robot, scene)
-    checks = bounds.checks(scene)
+    verdicts = Verdicts(bounds.checks(scene))
+    judgement = verdicts.judgement
     states = configurations_of(robot, STATES, rng)
-    verdicts = np.empty(STATES, dtype=np.int64)
     found: list[tuple[FloatArray, FloatArray]] = []
     while len(found) < EDGES:
         start = configurations_of(robot, 1, rng)[0]
-        if judge.is_free(start):
-            step = rng.normal(size=robot.dof)
-            found.append((start, start + step / np.linalg.norm(step)))
-    kinds = [edge_verdict(start, end, checks) for start, end in found]
+        step = rng.normal(size=robot.dof)
+        end = start + step / np.linalg.norm(step)
+        if judge.is_free(start) and (end >= robot.lower).all() and (end <= robot.upper).all():
+            found.append((start, end))
+    kinds = verdicts.of_edges(np.array([edge[0] for edge in found]), np.array([edge[1] for edge in found])).tolist()
 
     def seconds_of_edges(kind: int) -> float:
         own = [edge for edge, verdict in zip(found, kinds, strict=True) if verdict == kind]
         if not own:
             return float("nan")
         starts, ends = np.array([edge[0] for edge in own]), np.array([edge[1] for edge in own])
-        return time_calls(lambda _: judge_edges(starts, ends, checks), lambda: None, repeats=30).fastest / len(own)
+        return time_calls(lambda _: judge_edges(starts, ends, judgement), lambda: None, repeats=30).fastest / len(own)
 
     certified = [edge for edge, verdict in zip(found, kinds, strict=True) if verdict == FREE][:EDGES_OF_COAL]
     dense = np.concatenate(
@@ -60,8 +62,8 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     def by_coal(rows: FloatArray) -> float:
         return time_calls(lambda _: [judge.is_free(row) for row in rows], lambda: None, repeats=5).fastest
 
-    single = time_calls(lambda _: judge_states(states, checks), lambda: None, repeats=30).fastest / STATES
-    batch = time_calls(lambda _: state_verdicts(states, checks, verdicts), lambda: None, repeats=30).fastest / STATES
+    single = time_calls(lambda _: judge_states(states, judgement), lambda: None, repeats=30).fastest / STATES
+    batch = time_calls(lambda _: verdicts.of_states(states), lambda: None, repeats=30).fastest / STATES
     pack = time_calls(bounds.checks, lambda: Scene(scene.obstacles, scene.bounds, scene.frame), repeats=20).fastest
     edge, coal_edge = seconds_of_edges(FREE), by_coal(dense) / len(certified)
     return {

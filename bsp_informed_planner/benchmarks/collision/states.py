@@ -20,7 +20,8 @@ from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
 from bsp_informed_planner.benchmarks.statistics import column, share, upper_bound_of_none
 from bsp_informed_planner.collision.bounds import bounds_of
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.collision.verdict_kernels import COLLIDING, FREE, state_verdicts
+from bsp_informed_planner.collision.verdict_calls_kernels import COLLIDING, FREE
+from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
@@ -49,7 +50,7 @@ def states_part(quick: bool) -> Part:
 
 def inside_part(quick: bool) -> Part:
     """Configurations whose tool is inside a shelf."""
-    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(2 if quick else 40)]
+    cases: list[Parameters] = [{"robot": robot} for robot in ROBOTS for _ in range(2 if quick else 12)]
     return Part("inside", "Inside shelves", cases, measure_inside, summarise_inside, Mode.PARALLEL)
 
 
@@ -70,8 +71,7 @@ def measure_inside(parameters: Parameters, rng: np.random.Generator) -> Row:
 
 
 def _counts(robot: ArmRobot, scene: Scene, padding: float, states: FloatArray) -> dict[str, int]:
-    verdicts = np.empty(len(states), dtype=np.int64)
-    state_verdicts(states, bounds_of(robot).checks(scene, padding), verdicts)
+    verdicts = Verdicts(bounds_of(robot).checks(scene, padding)).of_states(states)
     judge = ExactChecker(robot, scene, padding=padding)
     free = np.array([judge.is_free(state) for state in states])
     return {

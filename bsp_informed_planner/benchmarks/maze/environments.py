@@ -164,7 +164,8 @@ def _claims(where: str, runs: Mapping[str, Runs], section: Section, rng: np.rand
     section.table(["", "ours", "theirs", "intervals"], table)
     if missed:
         section.find(
-            f"{where}. Of {len(table)} claims {len(missed)} do not hold: {'; '.join(missed)}. {_cause(runs, rng)}"
+            f"{where}. Of {len(table)} claims {len(missed)} do not hold: {'; '.join(missed)}. {_fallbacks(runs)} "
+            f"{_cause(runs, rng)}"
         )
     else:
         section.find(f"{where}. All {len(table)} claims of the paper hold, with intervals apart. {_fallbacks(runs)}")

@@ -32,7 +32,7 @@ BESIDE = {"restarts": "restarts", "ompl_rrt_connect": "OMPL RRTConnect", "ompl_a
 
 def costs_part(quick: bool) -> Part:
     """Costs against time, on easy and hard problems."""
-    count, seconds, longer = (1, QUICK_TIMES[-1], {}) if quick else (10, FULL_TIMES[-1], LONGER)
+    count, seconds, longer = (1, QUICK_TIMES[-1], {}) if quick else (7, FULL_TIMES[-1], LONGER)
     case = {"seconds": seconds, "longer": longer}
     cases: list[Parameters] = [{"stratum": stratum, **case} for _ in range(count) for stratum in STRATA]
     return Part("costs", "Cost against time", cases, measure, summarise, Mode.PINNED)

@@ -103,7 +103,7 @@ def has_ompl() -> bool:
 
 
 def planner_of(problem: ShelfProblem, threads: int = 1) -> Planner:
-    """A planner that has loaded the scene and made its checkers, but has not decomposed it."""
+    """A planner that has loaded and decomposed the scene and made its checkers."""
     planner = Planner(robot(), problem.scene, ompl_workers=workers())
     planner.get_ready(threads)
     return planner

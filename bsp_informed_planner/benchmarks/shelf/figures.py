@@ -40,7 +40,8 @@ CURVES = {
     "gmm": (COLOURS[3], "-", "v"),
     "learned": (COLOURS[0], "-", "o"),
     EXACT: (COLOURS[2], "-", "^"),
-    "corridor": (COLOURS[4], "--", "d"),
+    "path_library": (COLOURS[4], "-", "D"),
+    "corridor": (TEXT, "--", "d"),
     "perfect": (COLOURS[5], ":", "d"),
 }
 PLANNER_CURVES = {"keypoints": (COLOURS[2], "-."), "restarts": (TEXT, "-."), "ompl_aorrtc": (COLOURS[3], "-.")}
@@ -63,8 +64,8 @@ def draw_protocol(rows: Sequence[Row], rng: np.random.Generator) -> Figure:
         pairs = [(count, cost_ratio(found, runs[base], place, rng)[0]) for place, count in enumerate(GRID)]
         compared = [(count, ratio) for count, ratio in pairs if ratio is not None]
         with_intervals(costs, [c for c, _ in compared], [r for _, r in compared], title, colour, style, marker)
-    label(times, "samples", "median time / uniform's, guidance included", "Planning time")
-    label(costs, "samples", f"cost / {SAMPLERS[base].title}'s, where both have a path", "Planning cost")
+    label(times, "samples", "median time / uniform's", "Planning time, guidance included")
+    label(costs, "samples", f"cost / {SAMPLERS[base].title}'s", "Planning cost, where both have a path")
     logarithmic(times)
     logarithmic(costs, y=False)
     legend_below(figure, costs, 4)
