@@ -336,6 +336,9 @@ def _require_planar(experience: Experience, kind: str) -> None:
 _ONLY_LIKE_ITS_DATA = (
     "Trained on one family of scenes: for others its output is a guess, and is verified like all others."
 )
+_MOSTLY_ENDS = (
+    "Most of what it proposes follows from start and goal: `bsp-planner evaluate --controls` tells what the scene adds."
+)
 _SAMPLER_OPTIONS = TrainingOptions(
     steps=6000, batch_size=256, learning_rate=1e-3, warmup=100, validate_every=200, patience=10
 )
@@ -368,8 +371,7 @@ MODELS: dict[str, TrainableModel] = {
             _path_chains,
             (
                 _ONLY_LIKE_ITS_DATA,
-                "Most of what it proposes follows from start and goal: `bsp-planner evaluate --controls` tells what the "
-                "scene adds.",
+                _MOSTLY_ENDS,
             ),
         ),
         TrainableModel(
