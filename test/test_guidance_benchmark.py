@@ -69,6 +69,7 @@ def test_chains_and_samples_are_judged(drawn: GuidedProblem) -> None:
     assert row["any_free"] == bool(checker.surely_free_edges(drawn.best).all())
     edges = np.concatenate([checker.surely_free_edges(path) for path in (drawn.best, line)])
     assert row["edges"] == pytest.approx(edges.mean())
+    assert row["cover"] is not None
     assert row["cover"] > 0.0
     nothing = judged(Guidance("uniform"), drawn.best, checker, RNG(0))
     assert (nothing["any_free"], nothing["edges"]) == (False, None)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from bsp_informed_planner.sampling.guide import Guide, GuideSetting
-from bsp_informed_planner.sampling.models import find_card, read_once
+from bsp_informed_planner.sampling.models import KEYPOINT_KINDS, find_card, read_once
 from bsp_informed_planner.sampling.path_proposals import KIND as PATH_CHAINS
-
-#: Kinds of models of keypoints, the best first.
-KEYPOINT_KINDS = ("heatmap", "sequential_regression")
 
 
 def learned_guide(setting: GuideSetting) -> Guide:

@@ -16,8 +16,7 @@ from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.keypoint_estimation import EstimatedChain, SceneView, estimator_of
 from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
-from bsp_informed_planner.sampling.learned import KEYPOINT_KINDS
-from bsp_informed_planner.sampling.models import find_model
+from bsp_informed_planner.sampling.models import KEYPOINT_KINDS, find_model
 from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+#: Kinds of models of keypoints, the best first.
+KEYPOINT_KINDS = ("heatmap", "sequential_regression")
+
 
 def find_model(robot: Robot, kinds: Sequence[str], folder: str | Path | None = None) -> Model:
     """The network that `find_card` finds.

@@ -16,7 +16,6 @@ from bsp_informed_planner.sampling.cvae_sampler import cvae_sampler
 from bsp_informed_planner.sampling.gmm import SAMPLER_ID as GMM_ID
 from bsp_informed_planner.sampling.gmm import GmmGuide, PrimitiveDatabase
 from bsp_informed_planner.sampling.guide import Guide
-from bsp_informed_planner.sampling.learned import KEYPOINT_KINDS
 from bsp_informed_planner.sampling.learned_guide import (
     SAMPLER_KINDS,
     SHORTEST_PATH_ID,
@@ -24,7 +23,7 @@ from bsp_informed_planner.sampling.learned_guide import (
     LearnedGuideOptions,
     ShortestPathGuide,
 )
-from bsp_informed_planner.sampling.models import find_card, find_model
+from bsp_informed_planner.sampling.models import KEYPOINT_KINDS, find_card, find_model
 from bsp_informed_planner.sampling.sampler import Sampler, UniformSampler
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
