@@ -169,7 +169,15 @@ def plan(
         typer.Option(help="anytime, rrt_connect, rrt_star, rrt or OMPL's ompl_...; default: the file's, or anytime."),
     ] = None,
     sampler_id: Annotated[
-        str | None, typer.Option(help="keypoint_tube or uniform; default: the file's, or keypoint_tube.")
+        str | None,
+        typer.Option(
+            help="keypoint_tube, uniform, learned, path_library, cvae_shortest_path or gmm; default: the file's, or "
+            "keypoint_tube."
+        ),
+    ] = None,
+    models: Annotated[
+        Path | None,
+        typer.Option(help="Folder of learned models; default: those of the package.", exists=True, file_okay=False),
     ] = None,
     seconds: Annotated[float | None, typer.Option(help="Planning time allowed [s]; default: the file's, or 5.")] = None,
     first: Annotated[bool, typer.Option("--first", help="Stop at the first verified path.")] = False,
@@ -191,6 +199,7 @@ def plan(
                 choice,
                 planner_id,
                 sampler_id,
+                models,
                 seconds,
                 first,
                 seed,

@@ -33,6 +33,7 @@ class PlanArguments:
     choice: RobotChoice | None
     planner_id: str | None
     sampler_id: str | None
+    models: Path | None
     seconds: float | None
     first: bool
     seed: int | None
@@ -65,7 +66,7 @@ def run_plan(arguments: PlanArguments) -> int:
     if arguments.goal_pose is not None:
         goals.append(PoseGoal(pose_option("--goal-pose", arguments.goal_pose)))
     options = _options(arguments, loaded.options)
-    planner = Planner(robot, scene)
+    planner = Planner(robot, scene, models=None if arguments.models is None else str(arguments.models))
     if warning := outside_warning(scene):
         typer.echo(f"warning: {warning}", err=True)
     try:
@@ -137,7 +138,7 @@ def _summary(result: PlanResult) -> str:
         f"{statistics.samples} samples, {statistics.edges_checked} edges, {checks} checks; seed {statistics.seed}",
     ]
     if result.guidance.fallback_reason:
-        lines.append(f"fell back: {result.guidance.fallback_reason}")
+        lines.append(f"guidance: {result.guidance.fallback_reason}")
     return "\n".join(lines)
 
 
