@@ -142,7 +142,7 @@ def _require(
 
 
 def _worst_cost(ours: Runs, others: Mapping[str, Runs]) -> float:
-    """The largest ratio of median costs at the times of comparison; 0 where only ours has solved half of the problems."""
+    """The largest ratio of median costs at the times of comparison; 0 where only ours has solved half of them."""
 
     def medians(runs: Runs) -> list[float]:
         return [float(order_quantile(runs.costs_at(time)[None], 0.5)[0]) for time in TIMES]
