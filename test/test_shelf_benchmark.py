@@ -107,8 +107,8 @@ def test_missing_models_are_left_out(drawn: tuple[ShelfProblem, Situation], tmp_
 def test_runs_are_noted(drawn: tuple[ShelfProblem, Situation]) -> None:
     problem, situation = drawn
     rng = np.random.default_rng(4)
-    row = json.loads(json.dumps(run_samplers(situation, Limits(0.6, 0.3), None, rng)))
-    row.update(json.loads(json.dumps(run_planners(problem, Limits(0.6, 0.3), rng))))
+    row = json.loads(json.dumps(run_samplers(situation, Limits(0.3, 0.2), None, rng)))
+    row.update(json.loads(json.dumps(run_planners(problem, Limits(0.3, 0.2), rng))))
     straight = float(np.linalg.norm(situation.goal - situation.start))
     found = Runs.of([row], "perfect")
     assert found.costs.shape == found.ms.shape == (1, len(GRID))

@@ -142,7 +142,7 @@ def _require(
 
 
 def _worst_cost(ours: Runs, others: Mapping[str, Runs]) -> float:
-    """The largest ratio of median costs at the times of comparison, where the baseline has one."""
+    """The largest ratio of median costs at the times of comparison; 0 where only ours has solved half of them."""
 
     def medians(runs: Runs) -> list[float]:
         return [float(order_quantile(runs.costs_at(time)[None], 0.5)[0]) for time in TIMES]
@@ -151,7 +151,7 @@ def _worst_cost(ours: Runs, others: Mapping[str, Runs]) -> float:
         own / other
         for runs in others.values()
         for own, other in zip(medians(ours), medians(runs), strict=True)
-        if np.isfinite(other)
+        if np.isfinite(own) or np.isfinite(other)
     ]
     return max(ratios, default=float("nan"))
 
