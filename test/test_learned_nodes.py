@@ -34,10 +34,14 @@ def suite(maze: MazeProblem) -> Iterator[Suite]:
         client = suite.client()
         client.wait_for_nodes(20.0)
         client.publish_scene(maze.scene)
+        # A plan that names the scene waits until planner and inference node have heard of it.
+        request = request_of(maze, "keypoint_tube")
+        request.scene_epoch, request.scene_revision = client.epoch, client.revision
+        assert client.plan(request, 20.0).error_code == ErrorCode.SUCCESS
         yield suite
 
 
-def request_of(maze: MazeProblem, sampler_id: str) -> object:
+def request_of(maze: MazeProblem, sampler_id: str) -> PlanRequest:
     request = point_request(tuple(maze.goal), sampler_id=sampler_id, planner_id="rrt_star", first_solution=True, seed=3)
     request.start.position = maze.start.tolist()
     return request
@@ -83,6 +87,7 @@ def test_nodes_plan_in_a_shelf_with_whole_chains() -> None:
             names = list(arm.joint_names)
             request.start = JointState(name=names, position=problem.start.tolist())
             request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in goals]
+            request.scene_epoch, request.scene_revision = client.epoch, client.revision
             response = client.plan(request, 20.0)
             assert response.error_code == ErrorCode.SUCCESS, response.message
             assert (response.sampler_id, response.fallback_reason) == (sampler_id, "")
@@ -98,6 +103,7 @@ def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> 
         client.wait_for_nodes(20.0)
         client.publish_scene(gap_scene(0.8))
         request = point_request(sampler_id="learned", planner_id="rrt_star", first_solution=True)
+        request.scene_epoch, request.scene_revision = client.epoch, client.revision
         response = client.plan(request, 10.0)
         assert response.error_code == ErrorCode.SUCCESS, response.message
         assert response.sampler_id == "keypoint_tube"
