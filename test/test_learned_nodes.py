@@ -30,7 +30,7 @@ def maze() -> MazeProblem:
 @pytest.fixture(scope="module")
 def suite(maze: MazeProblem) -> Iterator[Suite]:
     with running_suite("point") as suite:
-        suite.add_all()
+        suite.add_all(inference_timeout=20.0)
         client = suite.client()
         client.wait_for_nodes(20.0)
         client.publish_scene(maze.scene)
@@ -43,6 +43,8 @@ def suite(maze: MazeProblem) -> Iterator[Suite]:
 
 def request_of(maze: MazeProblem, sampler_id: str) -> PlanRequest:
     request = point_request(tuple(maze.goal), sampler_id=sampler_id, planner_id="rrt_star", first_solution=True, seed=3)
+    # First uses load networks, on a machine that may be busy.
+    request.allowed_planning_time = 40.0
     request.start.position = maze.start.tolist()
     return request
 
@@ -76,14 +78,14 @@ def test_nodes_plan_in_a_shelf_with_whole_chains() -> None:
     arm = ur5()
     problem, goals = random_shelf_problem_with_goals(arm, np.random.default_rng(2**50 + 1))
     with running_suite("ur5") as suite:
-        suite.add_all()
+        suite.add_all(inference_timeout=20.0)
         client = suite.client()
         client.wait_for_nodes(20.0)
         client.publish_scene(problem.scene)
         for sampler_id in ("learned", "path_library"):
             # RRT* asks for guidance at once.
             request = PlanRequest(planner_id="rrt_star", sampler_id=sampler_id, first_solution=True, seed=1)
-            request.allowed_planning_time = 10.0
+            request.allowed_planning_time = 40.0
             names = list(arm.joint_names)
             request.start = JointState(name=names, position=problem.start.tolist())
             request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in goals]
@@ -98,11 +100,13 @@ def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> 
     with running_suite("point") as suite:
         suite.add(DecompositionNode)
         suite.add(InferenceNode, model_folder=str(tmp_path))
-        suite.add(PlannerNode)
+        suite.add(PlannerNode, inference_timeout=20.0)
         client = suite.client()
         client.wait_for_nodes(20.0)
         client.publish_scene(gap_scene(0.8))
-        request = point_request(sampler_id="learned", planner_id="rrt_star", first_solution=True)
+        request = point_request(
+            sampler_id="learned", planner_id="rrt_star", first_solution=True, allowed_planning_time=40.0
+        )
         request.scene_epoch, request.scene_revision = client.epoch, client.revision
         response = client.plan(request, 10.0)
         assert response.error_code == ErrorCode.SUCCESS, response.message
