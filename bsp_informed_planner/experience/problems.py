@@ -175,7 +175,9 @@ class SceneFileSource:
         files = self._files[split]
         if not files:
             raise DatasetError(
-                str(self._folder), f"none of its {len(self._hashes)} scene files belongs to the split '{split}'"
+                str(self._folder),
+                f"none of its {len(self._hashes)} scene files belongs to the split '{split}': a file goes to a split by "
+                "its content; add some more",
             )
         path = files[index % len(files)]
         rng = generator(seed, Stage.PROBLEM)
