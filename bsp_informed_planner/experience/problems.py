@@ -176,8 +176,8 @@ class SceneFileSource:
         if not files:
             raise DatasetError(
                 str(self._folder),
-                f"none of its {len(self._hashes)} scene files belongs to the split '{split}': a file goes to a split by "
-                "its content; add some more",
+                f"none of its {len(self._hashes)} scene files belongs to the split '{split}': a file goes to a split "
+                "by its content; add some more",
             )
         path = files[index % len(files)]
         rng = generator(seed, Stage.PROBLEM)
