@@ -126,8 +126,13 @@ def test_a_node_killed_in_the_middle_of_a_plan(processes: Processes, name: str) 
     if name == "decomposition_node":
         # The client's scene is latched, so the new node hears it too, in an epoch of its own.
         assert client._spin_until(lambda: client.epoch > epoch and client.revision >= 1, 60.0)
-    response = success(client)
-    assert (response.scene_epoch, response.scene_revision) == (client.epoch, client.revision)
+
+    def is_up_to_date() -> bool:
+        response = success(client)
+        return (response.scene_epoch, response.scene_revision) == (client.epoch, client.revision)
+
+    # The latched scenes of other clients, if there are some, make revisions of their own.
+    until(is_up_to_date, 20.0)
     assert processes.nodes.revive() == []
 
 
