@@ -16,7 +16,7 @@ from decomposition_checks import (
     assert_portals_are_between_free_cells,
     assert_portals_cover_the_borders_of_free_cells,
 )
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from random_scenes import CUBE, boxes_scene, signed_distance
 from scipy.sparse import coo_array
@@ -126,6 +126,8 @@ def assert_means_the_same(decomposition: Decomposition, scene: Scene, rng: np.ra
     tilted=st.booleans(),
     few=st.sampled_from([1, 8]),
 )
+# A cell like a needle: 15 um wide and 0.6 m long.
+@example(seed=46082, count=11, size=0.8102144435027343, tilted=False, few=1)
 def test_changes_of_random_boxes(seed: int, count: int, size: float, tilted: bool, few: int) -> None:
     rng = np.random.default_rng(seed)
     scene = boxes_scene(rng, count, size, tilted)

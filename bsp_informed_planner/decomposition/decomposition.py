@@ -159,7 +159,9 @@ class Decomposition:
         return np.asarray((cells >= 0) & ~self.node_solid[cells])
 
     def cell_polytope(self, cell: int) -> ConvexPolytope | None:
-        """The polytope of a cell, None for a cell that is a rounding error, i.e. thinner than about 1 um.
+        """The polytope of a cell; None for a cell that is little more than a rounding error.
+
+        That is one with less than four faces of 1e-10 m^2, e.g. a needle 10 um wide.
 
         Raises:
             IndexError: if there is no such cell.
