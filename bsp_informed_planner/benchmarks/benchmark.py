@@ -44,6 +44,7 @@ class BenchmarkArguments:
         seed: of all cases.
         out: folder of the results.
         workers: processes for the parts that need not run alone. Results other than times do not depend on it.
+        command: what the report says it was made by; empty: `bsp-planner benchmark NAME` with size and seed.
 
     Raises:
         InvalidOptionError: if the seed is negative or there are no workers.
@@ -53,6 +54,7 @@ class BenchmarkArguments:
     seed: int = 0
     out: Path = Path("out")
     workers: int = 2
+    command: str = ""
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -94,6 +96,8 @@ class Benchmark:
         parts: in the order in which they run.
         sources: folders of the package whose code the numbers depend on; rows of other code are not continued.
         prepare: is called in each process before the first case, e.g. to compile kernels.
+        models: folders of the models that the numbers depend on, None for those that come with the package; rows of
+            other models are not continued.
     """
 
     name: str
@@ -102,6 +106,7 @@ class Benchmark:
     parts: tuple[Part, ...]
     sources: tuple[str, ...]
     prepare: Callable[[], None]
+    models: tuple[str | None, ...] = ()
 
 
 def generator(seed: int, name: str, index: int) -> np.random.Generator:

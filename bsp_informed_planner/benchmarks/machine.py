@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bsp_informed_planner.networks.card import SHIPPED
+
 PACKAGE = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "numba", "coal", "ompl")
 
@@ -70,6 +72,16 @@ def source_hash(folders: tuple[str, ...]) -> str:
             content = path.read_bytes()
             digest.update(f"\0{path.relative_to(PACKAGE)}\0{len(content)}\0".encode())
             digest.update(content)
+    return digest.hexdigest()[:16]
+
+
+def models_hash(folders: tuple[str | None, ...]) -> str:
+    """Hash of the weights in some folders of models; None: of those that come with the package."""
+    digest = hashlib.sha256()
+    for folder in folders:
+        for path in sorted((SHIPPED if folder is None else Path(folder)).glob("*.safetensors")):
+            digest.update(f"\0{path.name}\0".encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
 
 

@@ -27,7 +27,14 @@ from bsp_informed_planner.benchmarks.benchmark import (
     Row,
     generator,
 )
-from bsp_informed_planner.benchmarks.machine import describe_load, describe_machine, pin_to, processors, source_hash
+from bsp_informed_planner.benchmarks.machine import (
+    describe_load,
+    describe_machine,
+    models_hash,
+    pin_to,
+    processors,
+    source_hash,
+)
 from bsp_informed_planner.benchmarks.report import Report, Section
 from bsp_informed_planner.benchmarks.row_file import RowFile
 from bsp_informed_planner.benchmarks.statistics import Estimate
@@ -64,12 +71,13 @@ def run_benchmark(benchmark: Benchmark, arguments: BenchmarkArguments, console: 
         "seed": arguments.seed,
         "machine": machine,
         "sources": source_hash(benchmark.sources),
+        **({"models": models_hash(benchmark.models)} if benchmark.models else {}),
     }
     rows = RowFile(arguments.out / f"rows-{size}-seed{arguments.seed}.jsonl", header)
     load = describe_load()
     try:
         interrupted = _measure(benchmark, arguments, rows)
-        command = f"bsp-planner benchmark {benchmark.name} --{size} --seed {arguments.seed}"
+        command = arguments.command or f"bsp-planner benchmark {benchmark.name} --{size} --seed {arguments.seed}"
         report = Report(benchmark.title, benchmark.introduction, command, machine, load)
         missing = _summarise(benchmark, arguments.seed, rows, report)
         if missing:

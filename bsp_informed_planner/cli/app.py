@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bsp_informed_planner import __version__
+from bsp_informed_planner.cli.benchmark import ModelsOption, QuickOption, SeedOption
 from bsp_informed_planner.cli.benchmark import app as benchmark_app
+from bsp_informed_planner.cli.measuring import as_text, measure
 from bsp_informed_planner.cli.robot import app as robot_app
 from bsp_informed_planner.cli.robot_options import LockOption, PackageOption, SrdfOption, ToolOption
 
@@ -175,10 +177,7 @@ def plan(
             "keypoint_tube."
         ),
     ] = None,
-    models: Annotated[
-        Path | None,
-        typer.Option(help="Folder of learned models; default: those of the package.", exists=True, file_okay=False),
-    ] = None,
+    models: ModelsOption = None,
     seconds: Annotated[float | None, typer.Option(help="Planning time allowed [s]; default: the file's, or 5.")] = None,
     first: Annotated[bool, typer.Option("--first", help="Stop at the first verified path.")] = False,
     seed: Annotated[int | None, typer.Option(help="Seed of the planner; default: the file's, or drawn.", min=0)] = None,
@@ -334,14 +333,12 @@ def collect(
 @app.command()
 def evaluate(
     robot: RobotOption = DemoRobot.UR5,
-    quick: Annotated[bool, typer.Option("--quick/--full", help="A few cases, in minutes, or all.")] = False,
-    seed: Annotated[int, typer.Option(help="Of all random cases.", min=0)] = 0,
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the results; default: out/evaluation-ROBOT. A rerun continues there.")
+        Path | None, typer.Option(help="Folder of the results; default: in out/. A rerun continues there.")
     ] = None,
-    models: Annotated[
-        Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
-    ] = None,
+    models: ModelsOption = None,
     controls: Annotated[
         Path | None,
         typer.Option(help="Folder of a model of kind path_chains_without_scene.", exists=True, file_okay=False),
@@ -352,20 +349,17 @@ def evaluate(
     For a UR5 in shelves, chains, samples and plans, beside exact keypoints, a path library and controls that see less;
     for a point in mazes, chains and samples. Ends with one line for each number: it holds or falls short.
     """
-    from rich.console import Console
-
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.guidance.benchmark import guidance_benchmark
     from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
-    from bsp_informed_planner.benchmarks.runner import run_benchmark
 
-    folder = None if models is None else str(models)
     if robot is DemoRobot.POINT:
-        benchmark = networks_benchmark(quick, folder)
+        if controls is not None:
+            raise typer.BadParameter("there are no such controls for mazes", param_hint="--controls")
+        benchmark = networks_benchmark(quick, as_text(models))
     else:
-        benchmark = guidance_benchmark(quick, folder, None if controls is None else str(controls))
-    arguments = BenchmarkArguments(quick, seed, out or Path("out") / f"evaluation-{robot.value}", 1)
-    raise typer.Exit(0 if run_benchmark(benchmark, arguments, Console()) else 130)
+        benchmark = guidance_benchmark(quick, as_text(models), as_text(controls))
+    words = f"evaluate --robot {robot.value}"
+    measure(benchmark, words, seed, out, quick=quick, models=models, controls=controls)
 
 
 @app.command()

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from bsp_informed_planner.benchmarks.benchmark import Benchmark, BenchmarkArguments
+from bsp_informed_planner.cli.measuring import as_text, measure
 
 app = typer.Typer(help="Measure, and compare with what is required.", no_args_is_help=True)
 
@@ -18,6 +17,9 @@ OutOption = Annotated[
     Path | None, typer.Option(help="Folder of the results; default: out/benchmark-NAME. A rerun continues there.")
 ]
 WorkersOption = Annotated[int, typer.Option(help="Processes for parts that need not run alone.", min=1)]
+ModelsOption = Annotated[
+    Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
+]
 
 
 @app.callback()
@@ -30,16 +32,40 @@ def decomposition(
     quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
 ) -> None:
     """Decomposition: time, size, memory, properties on random scenes, comparisons."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.decomposition.benchmark import decomposition_benchmark
 
-    benchmark = decomposition_benchmark(quick)
-    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+    measure(decomposition_benchmark(quick), "benchmark decomposition", seed, out, quick=quick, workers=workers)
 
 
-ModelsOption = Annotated[
-    Path | None, typer.Option(help="Folder of models; default: those of the package.", exists=True, file_okay=False)
-]
+@app.command()
+def collision(
+    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
+) -> None:
+    """Conservative collision checking: wrong verdicts, shares decided, time, against the exact judge."""
+    from bsp_informed_planner.benchmarks.collision.benchmark import collision_benchmark
+
+    measure(collision_benchmark(quick), "benchmark collision", seed, out, quick=quick, workers=workers)
+
+
+@app.command()
+def planning(
+    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
+) -> None:
+    """Planning: first verified paths and costs of an arm, against OMPL's planners and two controls."""
+    from bsp_informed_planner.benchmarks.planning.benchmark import planning_benchmark
+
+    measure(planning_benchmark(quick), "benchmark planning", seed, out, quick=quick, workers=workers)
+
+
+@app.command()
+def networks(
+    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, models: ModelsOption = None
+) -> None:
+    """Networks: keypoint chains and samples in unseen mazes, beside exact ones and those of other methods."""
+    from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
+
+    benchmark = networks_benchmark(quick, as_text(models))
+    measure(benchmark, "benchmark networks", seed, out, quick=quick, models=models)
 
 
 @app.command()
@@ -51,48 +77,10 @@ def maze(
     models: ModelsOption = None,
 ) -> None:
     """The paper's experiment in mazes: RRT* on samples of ours, of the baselines, of controls and bounds."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.maze.benchmark import maze_benchmark
 
-    benchmark = maze_benchmark(quick, None if models is None else str(models))
-    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), workers))
-
-
-@app.command()
-def networks(
-    quick: QuickOption = False,
-    seed: SeedOption = 0,
-    out: OutOption = None,
-    models: ModelsOption = None,
-) -> None:
-    """Networks: keypoint chains and samples in unseen mazes, beside exact ones and those of other methods."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
-    from bsp_informed_planner.benchmarks.networks.benchmark import networks_benchmark
-
-    benchmark = networks_benchmark(quick, None if models is None else str(models))
-    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), 1))
-
-
-@app.command()
-def service(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
-    """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
-    from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark
-
-    benchmark = nodes_benchmark(quick)
-    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
-
-
-@app.command()
-def planning(
-    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
-) -> None:
-    """Planning: first verified paths and costs of an arm, against OMPL's planners and two controls."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
-    from bsp_informed_planner.benchmarks.planning.benchmark import planning_benchmark
-
-    benchmark = planning_benchmark(quick)
-    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
+    benchmark = maze_benchmark(quick, as_text(models))
+    measure(benchmark, "benchmark maze", seed, out, quick=quick, workers=workers, models=models)
 
 
 @app.command()
@@ -104,11 +92,18 @@ def shelf(
     models: ModelsOption = None,
 ) -> None:
     """The paper's experiment at a shelf: RRT* for an arm on samples of ours, of the baselines, of controls."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.shelf.benchmark import shelf_benchmark
 
-    benchmark = shelf_benchmark(quick, None if models is None else str(models))
-    _run(benchmark, BenchmarkArguments(quick, seed, out or _folder(benchmark, models), workers))
+    benchmark = shelf_benchmark(quick, as_text(models))
+    measure(benchmark, "benchmark shelf", seed, out, quick=quick, workers=workers, models=models)
+
+
+@app.command()
+def service(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
+    """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
+    from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark
+
+    measure(nodes_benchmark(quick), "benchmark service", seed, out, quick=quick)
 
 
 @app.command()
@@ -118,34 +113,6 @@ def soak(
     out: OutOption = None,
 ) -> None:
     """The nodes for a long time: requests, good and bad, and whether memory stays flat."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
     from bsp_informed_planner.benchmarks.nodes.soak import soak_benchmark
 
-    benchmark = soak_benchmark(minutes)
-    _run(benchmark, BenchmarkArguments(False, seed, out or Path("out") / f"benchmark-{benchmark.name}"))
-
-
-@app.command()
-def collision(
-    quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None, workers: WorkersOption = 2
-) -> None:
-    """Conservative collision checking: wrong verdicts, shares decided, time, against the exact judge."""
-    from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments
-    from bsp_informed_planner.benchmarks.collision.benchmark import collision_benchmark
-
-    benchmark = collision_benchmark(quick)
-    _run(benchmark, BenchmarkArguments(quick, seed, out or Path("out") / f"benchmark-{benchmark.name}", workers))
-
-
-def _folder(benchmark: Benchmark, models: Path | None) -> Path:
-    """Of the results; rows of other models are no rows of these."""
-    return Path("out") / (f"benchmark-{benchmark.name}" + ("" if models is None else f"-{models.resolve().name}"))
-
-
-def _run(benchmark: Benchmark, arguments: BenchmarkArguments) -> None:
-    """Status 0 if all cases are done, whether or not the numbers hold; 130 after Ctrl-C."""
-    from rich.console import Console
-
-    from bsp_informed_planner.benchmarks.runner import run_benchmark
-
-    raise typer.Exit(0 if run_benchmark(benchmark, arguments, Console()) else 130)
+    measure(soak_benchmark(minutes), "benchmark soak", seed, out, minutes=f"{minutes:g}")

@@ -28,4 +28,5 @@ def guidance_benchmark(quick: bool, models: str | None = None, controls: str | N
             "scene", "decomposition", "robots", "collision", "sampling", "networks", "planning", "benchmarks",
         ),
         prepare=ensure_compiled,
+        models=(models,) if controls is None else (models, controls),
     )  # fmt: skip

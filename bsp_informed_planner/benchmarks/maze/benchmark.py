@@ -47,4 +47,5 @@ def maze_benchmark(quick: bool, models: str | None = None) -> Benchmark:
         ),
         sources=("scene", "decomposition", "collision", "sampling", "networks", "planning", "benchmarks/maze"),
         prepare=prepare,
+        models=(models,),
     )

@@ -32,4 +32,5 @@ def networks_benchmark(quick: bool, models: str | None = None) -> Benchmark:
         parts=(chains_part(quick, models), samples_part(quick, models)),
         sources=("scene", "decomposition", "collision", "sampling", "networks", "benchmarks"),
         prepare=prepare,
+        models=(models,),
     )

@@ -48,4 +48,5 @@ def shelf_benchmark(quick: bool, models: str | None = None) -> Benchmark:
             "benchmarks/planning", "benchmarks/shelf",
         ),
         prepare=prepare,
+        models=(models,),
     )  # fmt: skip
