@@ -27,7 +27,7 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions, PlanResult, PoseGoal
 from bsp_informed_planner.planning.path import interpolate, path_length
 from bsp_informed_planner.planning.problem import OMPL_PLANNER_IDS, PLANNER_IDS
-from bsp_informed_planner.planning.search import sampling_bounds
+from bsp_informed_planner.planning.sampling_box import sampling_bounds
 from bsp_informed_planner.planning.shelf_problem import random_shelf_problem
 from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.robots.arm import ArmRobot

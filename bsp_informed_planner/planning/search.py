@@ -15,6 +15,7 @@ from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_verification_resolution
+from bsp_informed_planner.planning.sampling_box import near_bounds, sampling_bounds
 from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, HEAD_START, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
@@ -45,19 +46,6 @@ class Progress:
     elapsed_seconds: float
     best_cost: float | None
     samples: int
-
-
-def sampling_bounds(robot: Robot, start: FloatArray, goals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The box in which uniform samples are drawn: (lower, upper), each (n,).
-
-    The joint limits; but joints that can turn further than once are kept within half a turn beyond start and goals, or
-    further to one side where a limit cuts the other off. Every posture is still in the box, some in fewer windings.
-    """
-    states = np.vstack((start[None], goals))
-    low, high = states.min(axis=0) - np.pi, states.max(axis=0) + np.pi
-    lower = np.maximum(robot.lower, low - np.maximum(high - robot.upper, 0.0))
-    upper = np.minimum(robot.upper, high + np.maximum(robot.lower - low, 0.0))
-    return np.where(robot.revolute, lower, robot.lower), np.where(robot.revolute, upper, robot.upper)
 
 
 class Search:
@@ -159,14 +147,14 @@ class Search:
             self.record(np.array([start, nearest]), "searching")
             return self.incumbent.path
         limits = (np.asarray(self._robot.lower), np.asarray(self._robot.upper))
-        box = sampling_bounds(self._robot, start, goals)
+        boxes = near_bounds(self._robot, start, goals), sampling_bounds(self._robot, start, goals)
         options = self._options
         head_start = HEAD_START if options.head_start is None else options.head_start
-        problem = Problem(start, goals, box, limits, self.max_step, options.uniform_fraction, head_start)
+        problem = Problem(start, goals, *boxes, limits, self.max_step, options.uniform_fraction, head_start)
         seeds = self._seeds.spawn(len(judges))
         workers = [
-            Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent)
-            for judge, seed in zip(judges, seeds, strict=True)
+            Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent, index > 0)
+            for index, (judge, seed) in enumerate(zip(judges, seeds, strict=True))
         ]
         if self._options.planner_id in ("rrt_star", "rrt"):
             workers = workers[:1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -56,7 +57,8 @@ class Problem:
     Attributes:
         start: (n,) free.
         goals: (k, n) free.
-        box: lower and upper corner of the box of uniform samples, each (n,).
+        near_box: lower and upper corner of the box of uniform samples in which a search begins, each (n,).
+        box: of the one that leaves no posture out.
         limits: lower and upper joint limits, each (n,).
         max_step: longest edge of a tree.
         uniform_fraction: lambda, once there is guidance.
@@ -65,6 +67,7 @@ class Problem:
 
     start: FloatArray
     goals: FloatArray
+    near_box: tuple[FloatArray, FloatArray]
     box: tuple[FloatArray, FloatArray]
     limits: tuple[FloatArray, FloatArray]
     max_step: float
@@ -81,6 +84,7 @@ class Worker:
         budget: shared.
         rng: generator of this thread.
         incumbent: the best path, shared.
+        beside: whether other threads search for the same plan.
     """
 
     def __init__(
@@ -90,7 +94,9 @@ class Worker:
         budget: Budget,
         rng: np.random.Generator,
         incumbent: Incumbent,
+        beside: bool = False,
     ) -> None:
+        self._beside = beside
         self._problem = problem
         self._last = last
         self._verdicts = last.verdicts
@@ -145,6 +151,7 @@ class Worker:
         path = self._straight()
         if path is not None:
             return path
+        self._draw_from(self._problem.near_box)
         self._trees = RrtConnect(self._verdicts, self.space, self._problem.max_step, self._unsure)
         trees, budget = self._trees, self._budget
 
@@ -163,7 +170,7 @@ class Worker:
             found = guidance()
             chains = [chain.configurations for chain in found.chains]
             self.take(found)
-            trees.seed(chains)
+            trees.seed(chains, self._passes)
             path = grow(self._mixture, ask, GUIDED)
         self._looks = LOOKS
         if path is None and not budget.is_spent() and not is_over():
@@ -171,15 +178,21 @@ class Worker:
         if path is None and not budget.is_spent() and not is_over():
             path = self._straight(ask=STRAIGHT)
         self._looks = ALL_LOOKS
-        effort = ASKING
+        effort, boxes = ASKING, itertools.cycle((self._problem.box, self._problem.near_box))
         while path is None and not budget.is_spent() and not is_over():
+            self._draw_from(next(boxes))
             self._restart(trees)
-            trees.seed(chains)
+            trees.seed(chains, self._passes)
             path = grow(self._mixture, ASK_ALL, effort)
             effort *= 2
         self._effort = max(trees.effort, LEAST_PATIENCE)
         self._looks = LOOKS
+        self._draw_from(self._problem.box)
         return path
+
+    def _draw_from(self, box: tuple[FloatArray, FloatArray]) -> None:
+        """Uniform samples come from this box from now on."""
+        self.space.box[:] = box
 
     def _straight(self, ask: int = 0) -> FloatArray | None:
         """An edge to one of the nearest goals.
