@@ -127,9 +127,12 @@ class RrtConnect:
         self._trees.counters[CHAIN] = 0
         if chains:
             self._chains = np.concatenate(chains), np.cumsum([0, *(len(chain) for chain in chains)])
-        if judge is not None:
+        if judge is not None and (self._room() >= MOST_ASKED + QUESTIONS or self._enlarge()):
             self._leave_ends(self._trees.start, chains, judge)
             self._leave_ends(self._trees.goal, [chain[::-1] for chain in chains], judge)
+
+    def _room(self) -> int:
+        return min(len(tree.nodes) - int(tree.size[0]) for tree in (self._trees.start, self._trees.goal))
 
     def _leave_ends(self, tree: Tree, ways: Sequence[Floats], judge: Judge) -> None:
         """Adds the begin of each way (m, n) from a root, up to the first node that the bounds prove free."""

@@ -153,8 +153,8 @@ class Search:
         problem = Problem(start, goals, *boxes, limits, self.max_step, options.uniform_fraction, head_start)
         seeds = self._seeds.spawn(len(judges))
         workers = [
-            Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent, index > 0)
-            for index, (judge, seed) in enumerate(zip(judges, seeds, strict=True))
+            Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent)
+            for judge, seed in zip(judges, seeds, strict=True)
         ]
         if self._options.planner_id in ("rrt_star", "rrt"):
             workers = workers[:1]
@@ -168,10 +168,17 @@ class Search:
         return self.incumbent.path
 
     def _anytime(self, workers: list[Worker], guidance: Guidance | Callable[[], Guidance]) -> None:
-        """All workers look for a first path, then for better ones; the first one is this thread."""
+        """All workers look for a first path, then for better ones; the first one is this thread.
+
+        The others begin when it asks for guidance: what ends sooner ends no sooner with them, and processors may slow
+        each other down.
+        """
         found, failures = threading.Event(), []
 
         def guided() -> Guidance:
+            for thread in threads:
+                if thread.ident is None:
+                    thread.start()
             return self._guided(guidance)
 
         def beside(worker: Worker) -> None:
@@ -183,13 +190,12 @@ class Search:
                 found.set()
 
         threads = [threading.Thread(target=beside, args=(worker,), daemon=True) for worker in workers[1:]]
-        for thread in threads:
-            thread.start()
         try:
             self._work(workers[0], guided, found)
         finally:
             for thread in threads:
-                thread.join()
+                if thread.ident is not None:
+                    thread.join()
         if failures:
             raise failures[0]
 
