@@ -239,7 +239,7 @@ def test_the_judge_leads_chains_out_of_ends_that_the_bounds_leave_open() -> None
         asked.append(np.array((a, b)))
         return ONE_BALL.is_edge_free(a, b)
 
-    chain = np.array([start, [0.2, 0.5], [0.2, 0.9], GOAL])
+    chain = np.array([start, [0.2, 0.5], [0.5, 0.9], GOAL])
     through = np.array([start, [0.5, 0.5], GOAL])
     trees = RrtConnect(verdicts, space_of(0, GOAL, start), 0.1, np.array([True, False]))
     trees.seed([through, chain, chain], judge)
