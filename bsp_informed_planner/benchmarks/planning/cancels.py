@@ -67,10 +67,10 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
     """Quantiles, and the longest."""
     section.text(
-        f"Plans of {ALLOWED:g} s, as problems come, cancelled at random moments: half "
-        f"within the first {1e3 * EARLY:g} ms, in validation and guidance, half within {1e3 * LATE:g} ms. The delay runs "
-        "from the moment from which on the caller's question is answered with yes, to the exception. Plans that ended "
-        "before are left out."
+        f"Plans of {ALLOWED:g} s, as problems come, cancelled at random moments: half within the first "
+        f"{1e3 * EARLY:g} ms, in validation and guidance, half within {1e3 * LATE:g} ms. The delay runs from the "
+        "moment from which on the caller's question is answered with yes, to the exception. Plans that ended before "
+        "are left out."
     )
     table: list[list[object]] = []
     everything: list[float] = []
