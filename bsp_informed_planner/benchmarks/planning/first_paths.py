@@ -132,8 +132,8 @@ def _explain(rows: Sequence[Row], by_group: Mapping[str, list[Row]], section: Se
         f"included; the decomposition took {_median_ms(rows, 'decomposition')} ms (median). "
         f"A method without a path after {LIMIT:g} s has failed: failures count in quantiles as "
         "infinite times, and `inf` means that too many failed. OMPL's planner searches on the same checker, bounds "
-        "first, and with the same longest step as ours, in a process of its own on the same processor; its samples come "
-        "from all postures."
+        "first, and with the same longest step as ours, in a process of its own on the same processor; its samples "
+        "come from all postures."
     )
 
 
