@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -55,13 +56,17 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             moment = float(rng.uniform(0.0, EARLY if index % 2 == 0 else LATE))
             end = time.monotonic() + moment
             try:
-                planner.plan(problem.problem, options, cancelled=lambda end=end: time.monotonic() >= end)
+                planner.plan(problem.problem, options, cancelled=partial(_is_past, end))
             except PlanningCancelledError:
                 delays.append(time.monotonic() - end)
             except PlanningFailedError:
                 continue  # before the moment came
         row[name] = delays
     return row
+
+
+def _is_past(end: float) -> bool:
+    return time.monotonic() >= end
 
 
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
