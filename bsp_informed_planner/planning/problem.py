@@ -75,8 +75,8 @@ class PlanOptions:
             keypoints. Without a model for the robot, keypoints are exact, and the result says why.
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
-        head_start: uniform search before guidance is asked for, as a number of edges to check; None: about as much as
-            takes a millisecond, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
+        head_start: uniform search before guidance is asked for, as a number of edges to check; None: as much as takes
+            some milliseconds, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
