@@ -30,7 +30,9 @@ from bsp_informed_planner.scene.signed_distance import SignedDistance
 
 ARM = ur5()
 BOUNDS = WorkspaceBounds(-np.ones(3), np.ones(3))
-PYRAMID = ConvexMesh(np.array([[-0.3, -0.3, 0.0], [0.3, -0.3, 0.0], [0.3, 0.3, 0.0], [-0.3, 0.3, 0.0], [0.0, 0.0, 0.4]]))
+PYRAMID = ConvexMesh(
+    np.array([[-0.3, -0.3, 0.0], [0.3, -0.3, 0.0], [0.3, 0.3, 0.0], [-0.3, 0.3, 0.0], [0.0, 0.0, 0.4]])
+)
 SHAPES: list[Shape] = [
     Box(np.array([0.3, 0.5, 0.2])),
     Sphere(0.25),

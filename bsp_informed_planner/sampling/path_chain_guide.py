@@ -41,9 +41,7 @@ class PathChainGuide:
         ModelMismatchError: if the model sees problems in another way than this version does.
     """
 
-    def __init__(
-        self, setting: GuideSetting, model: PathProposals, chains: int = CHAINS, repair: bool = True
-    ) -> None:
+    def __init__(self, setting: GuideSetting, model: PathProposals, chains: int = CHAINS, repair: bool = True) -> None:
         self._setting = setting
         self._model = model
         self._chains = chains

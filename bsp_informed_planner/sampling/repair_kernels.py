@@ -48,9 +48,9 @@ class RepairOptions(NamedTuple):
         longest: no joint moves further in one step [rad or m].
     """
 
-    steps: int = 4
-    between: int = 1
-    margin: float = 0.02
+    steps: int = 6
+    between: int = 2
+    margin: float = 0.025
     likeness: float = 0.02
     rest: float = 0.01
     longest: float = 0.3
@@ -129,9 +129,7 @@ def place_frames(chain: Chain, values: Floats, frames: Floats) -> None:
 def place_ball(frame: Floats, ball: Floats, point: Floats) -> None:
     """The centre of a ball (4,) in the root frame, into point (3,)."""
     for r in range(3):
-        point[r] = (
-            frame[9 + r] + frame[3 * r] * ball[0] + frame[3 * r + 1] * ball[1] + frame[3 * r + 2] * ball[2]
-        )
+        point[r] = frame[9 + r] + frame[3 * r] * ball[0] + frame[3 * r + 1] * ball[1] + frame[3 * r + 2] * ball[2]
 
 
 @kernel(forceinline=True, **FAST)
@@ -152,11 +150,10 @@ def find_near(point: Floats, reach: float, group: int, obstacles: Obstacles, nea
         if gap_squared(point, obstacles.boxes[node]) >= squared:
             node = obstacles.ends[node]
             continue
-        kind = obstacles.kinds[node]
-        if kind != ENCLOSING and count < near.shape[0]:
-            if obstacles.allowed[group, obstacles.classes[node]] & ALL_MAY_TOUCH == 0:
-                near[count] = node
-                count += 1
+        is_part = obstacles.kinds[node] != ENCLOSING and count < near.shape[0]
+        if is_part and obstacles.allowed[group, obstacles.classes[node]] & ALL_MAY_TOUCH == 0:
+            near[count] = node
+            count += 1
         node += 1
     return count
 
@@ -183,7 +180,14 @@ def ball_row(joint: int, chain: Chain, work: Equations) -> float:
 
 @kernel(**FAST)
 def state_terms(
-    state: Floats, share: float, body: Body, obstacles: Obstacles, margin: float, excess: Floats, learn: int, work: Equations
+    state: Floats,
+    share: float,
+    body: Body,
+    obstacles: Obstacles,
+    margin: float,
+    excess: Floats,
+    learn: int,
+    work: Equations,
 ) -> float:
     """How deep the robot is in obstacles in a state, and its part of the normal equations.
 
