@@ -53,7 +53,8 @@ def scene_of(shape: Shape, pose: Pose) -> Scene:
 @pytest.fixture(scope="module")
 def problems() -> list[tuple[Scene, FloatArray]]:
     """Shelves, and paths in them that were free before they were cut into fewer pieces."""
-    rng, found = np.random.default_rng(11), []
+    rng = np.random.default_rng(11)
+    found: list[tuple[Scene, FloatArray]] = []
     options = PlanOptions("rrt_connect", "uniform", allowed_seconds=1.0, first_solution=True, seed=1)
     while len(found) < 12:
         drawn, goals = random_shelf_problem_with_goals(ARM, rng)
