@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from bsp_informed_planner.collision.bounded import BoundedChecker
 from bsp_informed_planner.collision.bounds import bounds_of
 from bsp_informed_planner.collision.check_arrays_kernels import ENCLOSING
-from bsp_informed_planner.collision.coarse_cover import RADIUS, CoarseCover, coarse_cover_of, enclosing_ball_of
-from bsp_informed_planner.collision.push_kernels import push_from_part
+from bsp_informed_planner.collision.coarse_cover import RADIUS, coarse_cover_of, enclosing_ball_of
+from bsp_informed_planner.collision.push_kernels import CoarseCover, push_from_part
 from bsp_informed_planner.errors import PlanningFailedError
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PlanOptions

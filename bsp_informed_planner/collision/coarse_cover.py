@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 import threading
-from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.bounds import CollisionBounds
+from bsp_informed_planner.collision.push_kernels import CoarseCover
 from bsp_informed_planner.scene.pose import FloatArray
 
 #: Bodies get another ball until none is larger than this, or there are so many [m].
 RADIUS, MOST_BALLS = 0.115, 16
 _ROUNDS, _STEPS = 4, 60
-
-
-class CoarseCover(NamedTuple):
-    """Balls around the bodies that joints move.
-
-    Attributes:
-        balls: (s, 4) centre in the frame of the ball's joint, as of `check_arrays_kernels.Chain`, and radius [m].
-        joints: (s,) the joint that carries a ball, counted from 1.
-        groups: (g,) number of the group, as of `BodyGroups`, of each set of balls that lie together.
-        begins: (g + 1,) where the balls of each set begin.
-        enclosing: (g, 4) a ball around each set.
-    """
-
-    balls: FloatArray
-    joints: NDArray[np.int64]
-    groups: NDArray[np.int64]
-    begins: NDArray[np.int64]
-    enclosing: FloatArray
 
 
 _known: WeakKeyDictionary[CollisionBounds, CoarseCover] = WeakKeyDictionary()

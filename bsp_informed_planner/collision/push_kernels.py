@@ -1,13 +1,14 @@
-"""How far a point is from a part of an obstacle, and in which direction it leaves it."""
+"""How far points of a robot are from a part of an obstacle, and in which direction they leave it."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bsp_informed_planner.collision.check_arrays_kernels import BALL, BOX, HALF_SPACE, POLYTOPE, Singles
+from bsp_informed_planner.collision.check_arrays_kernels import BALL, BOX, HALF_SPACE, POLYTOPE, Indices, Singles
 from bsp_informed_planner.collision.lane_kernels import FAST
 from bsp_informed_planner.compiled import kernel
 
@@ -15,6 +16,24 @@ Floats = NDArray[np.float64]
 
 # Nothing is so deep, and nearer than this is as good as there [m].
 _DEEP, _TINY = -1e9, 1e-12
+
+
+class CoarseCover(NamedTuple):
+    """Balls around the bodies that joints move.
+
+    Attributes:
+        balls: (s, 4) centre in the frame of the ball's joint, as of `check_arrays_kernels.Chain`, and radius [m].
+        joints: (s,) the joint that carries a ball, counted from 1.
+        groups: (g,) number of the group, as of `BodyGroups`, of each set of balls that lie together.
+        begins: (g + 1,) where the balls of each set begin.
+        enclosing: (g, 4) a ball around each set.
+    """
+
+    balls: Floats
+    joints: Indices
+    groups: Indices
+    begins: Indices
+    enclosing: Floats
 
 
 @kernel(forceinline=True, **FAST)

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.check_arrays_kernels import ALL_MAY_TOUCH, ENCLOSING, Chain, Obstacles, Singles
-from bsp_informed_planner.collision.coarse_cover import CoarseCover
 from bsp_informed_planner.collision.lane_kernels import FAST
-from bsp_informed_planner.collision.push_kernels import push_from_part
+from bsp_informed_planner.collision.push_kernels import CoarseCover, push_from_part
 from bsp_informed_planner.compiled import kernel
 
 Floats = NDArray[np.float64]
