@@ -7,10 +7,13 @@ import numpy as np
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 from bsp_informed_planner.sampling.layers import nearest_windings, paths_through_layers
+from bsp_informed_planner.sampling.local_primitives import LocalPrimitives
 
 
 def warm_up() -> None:
-    """A path of a point through one layer."""
+    """A path of a point through one layer, and a pair of boxes compared with itself."""
     robot, start, goals = PointRobot(), np.zeros(2), np.ones((1, 2))
     layer = nearest_windings(robot, np.array([[0.5, 0.5]]), start)
     paths_through_layers(robot, start, [layer], goals, lambda a, b: True, KeypointGuideOptions(), lambda: False)
+    boxes = LocalPrimitives(np.zeros((1, 2, 3)), np.ones((1, 2, 3)), np.broadcast_to(np.eye(3), (1, 2, 3, 3)))
+    boxes.nearest_distances(boxes)
