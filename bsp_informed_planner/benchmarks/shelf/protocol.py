@@ -179,7 +179,7 @@ def _claims(whole: Mapping[str, Runs], runs: Mapping[str, Runs], section: Sectio
             found[f"cost after {SOON:g} ms on the {solved} problems that both have solved by then"] = soon
         texts = {what: f"{what} {ratio.text()} times theirs ({_verdict(ratio)})" for what, ratio in found.items()}
         missed = [what for what, ratio in found.items() if _verdict(ratio) != HOLDS]
-        begin = f"Of {len(found)} claims {len(missed)} do not hold" if missed else f"All {len(found)} claims hold"
+        begin = f"{len(missed)} of {len(found)} claims not shown" if missed else f"All {len(found)} claims hold"
         ordered = [texts[what] for what in sorted(found, key=lambda what: what not in missed)]
         section.find(
             f"Shelf, {SAMPLERS[ours].title} against {SAMPLERS[baseline].title}. {begin}: {'; '.join(ordered)}. "
