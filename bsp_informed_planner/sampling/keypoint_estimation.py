@@ -164,8 +164,8 @@ class HeatmapEstimator:
             def next_keypoints(currents: FloatArray, numbers: NDArray[np.int64]) -> FloatArray:
                 logits = network.logits(fields, _tensor(currents)[None])[0].double().numpy()
                 # A keypoint where one is already makes no progress.
-                apart = ((places[None] - currents[:, None]) ** 2).sum(axis=2)
-                logits[apart < network.cells**-2.0] = -np.inf
+                along, across = (places[:, axis] - currents[:, axis, None] for axis in (0, 1))
+                logits[along**2 + across**2 < network.cells**-2.0] = -np.inf
                 drawn = _drawn(logits / options.temperature, rng)
                 return np.asarray(places[np.where(numbers == 0, logits.argmax(axis=1), drawn)])
 

@@ -14,19 +14,20 @@ _TRANSLATION, _ROTATION = 0.5 * 0.75, 0.5 * 0.25
 
 
 @kernel
-def _length(first: Floats, second: Floats) -> float:
-    x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
-    return math.sqrt(x * x + y * y + z * z)
+def _square(first: Floats, second: Floats, p: int, b: int, q: int, c: int) -> float:
+    """Squared distance of vectors [p, b] and [q, c]."""
+    x, y, z = first[p, b, 0] - second[q, c, 0], first[p, b, 1] - second[q, c, 1], first[p, b, 2] - second[q, c, 2]
+    return x * x + y * y + z * z
 
 
 @kernel
-def _angle(first: Floats, second: Floats) -> float:
-    """Least angle between axes, the columns of (3, 3), up to half turns about them [rad]."""
-    products = np.zeros(3)
+def _angle(first: Floats, second: Floats, p: int, b: int, q: int, c: int) -> float:
+    """Least angle between axes, the columns of [p, b] and [q, c], up to half turns about them [rad]."""
+    x, y, z = 0.0, 0.0, 0.0
     for i in range(3):
-        for j in range(3):
-            products[j] += first[i, j] * second[i, j]
-    x, y, z = products[0], products[1], products[2]
+        x += first[p, b, i, 0] * second[q, c, i, 0]
+        y += first[p, b, i, 1] * second[q, c, i, 1]
+        z += first[p, b, i, 2] * second[q, c, i, 2]
     trace = max(x + y + z, x - y - z, -x + y - z, -x - y + z)
     return math.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0))
 
@@ -54,19 +55,19 @@ def nearest_distances(
         best = most
         for p in range(centres.shape[0]):
             for swap in range(2):
-                # Translation alone rules nearly all out, mostly that of the first box.
+                # How far the centres of the first boxes are from each other rules nearly all out.
+                reach = best / _TRANSLATION
+                if _square(centres, other_centres, p, 0, q, swap) >= reach * reach:
+                    continue
                 moved = 0.0
                 for box in range(2):
                     other = box ^ swap
-                    moved += _TRANSLATION * (
-                        _length(centres[p, box], other_centres[q, other])
-                        + _length(halves[p, box], other_halves[q, other])
-                    )
-                    if moved >= best:
-                        break
+                    moved += math.sqrt(_square(centres, other_centres, p, box, q, other))
+                    moved += math.sqrt(_square(halves, other_halves, p, box, q, other))
+                moved *= _TRANSLATION
                 if moved >= best:
                     continue
                 for box in range(2):
-                    moved += _ROTATION * _angle(rotations[p, box], other_rotations[q, box ^ swap])
+                    moved += _ROTATION * _angle(rotations, other_rotations, p, box, q, box ^ swap)
                 best = min(best, moved)
         distances[q] = best if best < most else np.inf
