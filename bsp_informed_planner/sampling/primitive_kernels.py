@@ -52,11 +52,10 @@ def nearest_distances(
         distances: (q,) filled: from each of the others to the nearest of the first; infinite if not below `most`.
     """
     for q in range(other_centres.shape[0]):
-        best = most
+        best, reach = most, most / _TRANSLATION
         for p in range(centres.shape[0]):
             for swap in range(2):
                 # How far the centres of the first boxes are from each other rules nearly all out.
-                reach = best / _TRANSLATION
                 if _square(centres, other_centres, p, 0, q, swap) >= reach * reach:
                     continue
                 moved = 0.0
@@ -69,5 +68,6 @@ def nearest_distances(
                     continue
                 for box in range(2):
                     moved += _ROTATION * _angle(rotations, other_rotations, p, box, q, box ^ swap)
-                best = min(best, moved)
+                if moved < best:
+                    best, reach = moved, moved / _TRANSLATION
         distances[q] = best if best < most else np.inf
