@@ -5,12 +5,16 @@ from __future__ import annotations
 import itertools
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import rclpy
-from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
+from bsp_informed_planner_msgs.action import PlanMotion
+from bsp_informed_planner_msgs.msg import ObstacleScene, PlanRequest, PlanResponse, SceneStatus
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
@@ -27,6 +31,11 @@ from bsp_informed_planner.scene.shapes import Box
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 _names = itertools.count()
+
+#: How long tests wait for what has to come [s]: no statement about time, since others may use the machine.
+PATIENCE = 60.0
+#: Time of plans that are cancelled, or refused at once; what is over sooner than `SOON` has not waited for its end [s].
+LONG, SOON = 60.0, 30.0
 
 
 def gap_scene(gap_at: float, gap: float = 0.1) -> Scene:
@@ -67,9 +76,11 @@ class Suite:
             defaults: dict[str, object] = {"dimension": 2 if self.robot == "point" else 3}
         else:
             defaults = {"robot": self.robot}
+            # On a busy machine tests are slow to ask, and nodes to answer.
+            if kind is InferenceNode:
+                defaults["max_seconds"] = PATIENCE
             if kind is PlannerNode:
-                # Tests on a busy machine are slow to ask.
-                defaults["joint_state_max_age"] = 10.0
+                defaults |= {"joint_state_max_age": PATIENCE, "inference_timeout": PATIENCE}
         overrides = [Parameter(name, value=value) for name, value in {**defaults, **parameters}.items()]
         node = kind(namespace=self.namespace, parameter_overrides=overrides, context=self.context)
         assert node.autostart()
@@ -97,6 +108,25 @@ class Suite:
         self._clients.append((client, node))
         return client
 
+    def settle(self, client: SuiteClient) -> None:
+        """Wait until all nodes have heard what a client has heard of the scene: topics and nodes come in any order."""
+        trackers = [node._world for node in self.nodes if isinstance(node, (InferenceNode, PlannerNode))]
+
+        def is_settled() -> bool:
+            status = client._status
+            if status is None or any(tracker._status != status for tracker in trackers):
+                return False
+            known = [(tracker._scene, tracker._decomposition) for tracker in trackers]
+            return status.revision == 0 or all(
+                scene is not None
+                and graph is not None
+                and (scene[0], scene[1].revision) == (graph[0], graph[1].scene_revision)
+                and (scene[0], scene[1].revision) == (status.epoch, status.revision)
+                for scene, graph in known
+            )
+
+        spin_until(client, is_settled, "the nodes have not heard of the scene in force")
+
     def close(self) -> None:
         for client, node in self._clients:
             client.close()
@@ -118,9 +148,56 @@ def running_suite(robot: str) -> Iterator[Suite]:
         suite.close()
 
 
+def until(condition: Callable[[], bool], otherwise: str = "it has not come", seconds: float = PATIENCE) -> None:
+    """Wait for what other threads and processes do."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, otherwise
+        time.sleep(0.01)
+
+
+def spin_until(client: SuiteClient, condition: Callable[[], bool], otherwise: str = "it has not come") -> None:
+    """Wait for what a client hears."""
+    assert client._spin_until(condition, PATIENCE), otherwise
+
+
+def status_of(client: SuiteClient, message: ObstacleScene) -> SceneStatus:
+    """Publish a scene message and wait for what the decomposition node says of it, in a client that sends it alone."""
+    message.header.stamp = client._node.get_clock().now().to_msg()
+    client.publish_message(message)
+    spin_until(client, lambda: client._status is not None and client._status.header.stamp == message.header.stamp)
+    assert client._status is not None
+    return client._status
+
+
+def motion_client(client: SuiteClient) -> ActionClient:
+    """An action client in a client's node; to be destroyed."""
+    action = ActionClient(client._node, PlanMotion, "plan_motion")
+    spin_until(client, action.server_is_ready)
+    return action
+
+
+def start_motion(
+    client: SuiteClient, action: ActionClient, request: PlanRequest, **options: object
+) -> ClientGoalHandle:
+    """Send a goal and wait until it is accepted."""
+    sent = action.send_goal_async(PlanMotion.Goal(request=request), **options)
+    spin_until(client, sent.done)
+    goal = sent.result()
+    assert goal.accepted
+    return goal
+
+
+def outcome_of(client: SuiteClient, goal: ClientGoalHandle) -> PlanResponse:
+    """Wait for the result of a goal."""
+    result = goal.get_result_async()
+    spin_until(client, result.done)
+    return result.result().result.response
+
+
 def point_request(goal: tuple[float, float] = (0.9, 0.5), **fields: object) -> PlanRequest:
-    """From the left of the wall to a goal; the first path will do."""
-    request = PlanRequest(allowed_planning_time=5.0, first_solution=True, seed=1)
+    """From the left of the wall to a goal; the first path will do, whenever it comes."""
+    request = PlanRequest(allowed_planning_time=PATIENCE, first_solution=True, seed=1)
     request.start.position = [0.1, 0.5]
     request.goal_states = [type(request.start)(position=list(goal))]
     for name, value in fields.items():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from suite import gap_scene, point_request, running_suite
+from suite import PATIENCE, gap_scene, point_request, running_suite
 
 from bsp_informed_planner.errors import PlanningCancelledError, PlanningTimeoutError, SamplesExhaustedError
 from bsp_informed_planner.nodes.error_codes import ErrorCode
@@ -26,15 +26,17 @@ def test_a_failing_plan_is_saved_and_repeated(tmp_path: Path) -> None:
     with running_suite("point") as suite:
         suite.add_all(save_problem_on_failure=str(folder))
         client = suite.client()
-        client.wait_for_nodes(20.0)
-        client.publish_scene(gap_scene(0.5))
-        assert client.plan(point_request(), 20.0).error_code == ErrorCode.SUCCESS
+        client.wait_for_nodes(PATIENCE)
+        client.publish_scene(gap_scene(0.5), PATIENCE)
+        suite.settle(client)
+        assert client.plan(point_request(), PATIENCE).error_code == ErrorCode.SUCCESS
         assert not folder.exists()
         # Nothing passes a wall without a gap.
-        revision = client.publish_scene(gap_scene(0.5, gap=-0.1))
-        response = client.plan(point_request(allowed_planning_time=0.3, seed=0, scene_revision=revision), 20.0)
+        revision = client.publish_scene(gap_scene(0.5, gap=-0.1), PATIENCE)
+        suite.settle(client)
+        response = client.plan(point_request(allowed_planning_time=0.3, seed=0, scene_revision=revision), PATIENCE)
         assert response.error_code == ErrorCode.TIMED_OUT
-        assert client.plan(point_request((0.5, 0.2)), 20.0).error_code == ErrorCode.GOAL_IN_COLLISION
+        assert client.plan(point_request((0.5, 0.2)), PATIENCE).error_code == ErrorCode.GOAL_IN_COLLISION
     saved = {recorded.error_kind: recorded for recorded in map(load_recorded_problem, folder.iterdir())}
     assert set(saved) == {"StateInCollisionError", "PlanningTimeoutError"}
     recorded = saved["PlanningTimeoutError"]

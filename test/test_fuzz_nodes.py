@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
-from suite import Suite, gap_scene, running_suite
+from suite import PATIENCE, Suite, gap_scene, running_suite
 
 from bsp_informed_planner.benchmarks.nodes.random_requests import random_request
 from bsp_informed_planner.errors import BspPlannerError
@@ -50,8 +50,9 @@ def suite() -> Iterator[Suite]:
 
 def test_requests(suite: Suite) -> None:
     client = suite.client()
-    client.wait_for_nodes(20.0)
-    client.publish_scene(gap_scene(0.8))
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8), PATIENCE)
+    suite.settle(client)
     planner = suite.nodes[-1]
     assert isinstance(planner, PlannerNode)
     rng = np.random.default_rng(0)

@@ -43,12 +43,13 @@ def test_problems_have_a_good_path_and_another_scene(drawn: GuidedProblem) -> No
 def test_guides_and_controls_answer_for_the_problem(drawn: GuidedProblem) -> None:
     makers = guides(drawn.problem, drawn.other, drawn.best, None, None, RNG(0))
     assert {"plain", "line", "exact", "library", "wrong_scene", "learned", "random", "perfect"} <= set(makers)
+    assert {"unrepaired", "library_repaired"} <= set(makers)
     assert "no_scene" not in makers
     assert set(makers) <= set(TITLES)
     checker = BoundedChecker(robot(), drawn.problem.scene)
     start, goals = drawn.problem.problem.start, drawn.best[-1:]
     found = {name: make(start, goals, checker) for name, make in makers.items()}
-    for name in ("learned", "wrong_scene", "library", "random", "line"):
+    for name in ("learned", "unrepaired", "wrong_scene", "library", "library_repaired", "random", "line"):
         for chain in found[name].chains:
             np.testing.assert_allclose(chain.configurations[[0, -1]], [start, goals[0]], atol=1e-9)
     chains = [np.array([chain.configurations for chain in found[name].chains]) for name in ("learned", "wrong_scene")]
@@ -105,6 +106,7 @@ def test_times_are_compared_in_pairs() -> None:
     assert found["hard: time / network without scene (control)"].value == pytest.approx(0.5)
     assert found["hard: time / path library"].value == pytest.approx(np.sqrt(0.5))
     assert found["hard: time, shown the right scene / another one"].value == pytest.approx(0.5)
+    assert "hard: time / path library, repaired" not in found
     assert found["all: mean time, hedged / RRT-Connect"].value == pytest.approx((66 + 6) / (264 + 6))
     assert found["hard: cost / RRT-Connect"].value == pytest.approx(0.5)
     assert found["arm chains and first 64 samples, median"].value == pytest.approx(0.4)

@@ -10,7 +10,7 @@ import pytest
 from bsp_informed_planner_msgs.msg import PlanRequest
 from bsp_informed_planner_msgs.srv import EstimateKeypoints
 from sensor_msgs.msg import JointState
-from suite import Suite, gap_scene, point_request, running_suite
+from suite import PATIENCE, Suite, gap_scene, point_request, running_suite, spin_until
 
 from bsp_informed_planner.networks.card import SHIPPED
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
@@ -30,14 +30,14 @@ def maze() -> MazeProblem:
 @pytest.fixture(scope="module")
 def suite(maze: MazeProblem) -> Iterator[Suite]:
     with running_suite("point") as suite:
-        suite.add_all(inference_timeout=20.0)
+        suite.add_all()
         client = suite.client()
-        client.wait_for_nodes(20.0)
-        client.publish_scene(maze.scene)
+        client.wait_for_nodes(PATIENCE)
+        client.publish_scene(maze.scene, PATIENCE)
         # A plan that names the scene waits until planner and inference node have heard of it.
         request = request_of(maze, "keypoint_tube")
         request.scene_epoch, request.scene_revision = client.epoch, client.revision
-        assert client.plan(request, 20.0).error_code == ErrorCode.SUCCESS
+        assert client.plan(request, PATIENCE).error_code == ErrorCode.SUCCESS
         yield suite
 
 
@@ -52,22 +52,22 @@ def request_of(maze: MazeProblem, sampler_id: str) -> PlanRequest:
 @pytest.mark.parametrize("sampler_id", ["learned", "cvae_shortest_path", "gmm", "keypoint_tube"])
 def test_nodes_plan_with_every_model(suite: Suite, maze: MazeProblem, sampler_id: str) -> None:
     client = suite.client()
-    client.wait_for_nodes(10.0)
-    response = client.plan(request_of(maze, sampler_id), 10.0)
+    client.wait_for_nodes(PATIENCE)
+    response = client.plan(request_of(maze, sampler_id), PATIENCE)
     assert response.error_code == ErrorCode.SUCCESS, response.message
     assert (response.sampler_id, response.fallback_reason) == (sampler_id, "")
 
 
 def test_chains_of_the_service_are_those_of_the_network(suite: Suite, maze: MazeProblem) -> None:
     client = suite.client()
-    client.wait_for_nodes(10.0)
+    client.wait_for_nodes(PATIENCE)
     service = client._node.create_client(EstimateKeypoints, "estimate_keypoints")
-    assert client._spin_until(service.service_is_ready, 5.0)
+    spin_until(client, service.service_is_ready)
     request = EstimateKeypoints.Request(
         start=maze.start.tolist(), goals=maze.goal.tolist(), joints=2, max_chains=4, model="learned"
     )
     future = service.call_async(request)
-    assert client._spin_until(future.done, 10.0)
+    spin_until(client, future.done)
     answer = future.result()
     assert (answer.error_code, answer.model, answer.message) == (ErrorCode.SUCCESS, "learned", "")
     chain = np.array(answer.configurations).reshape(-1, 2)
@@ -78,10 +78,10 @@ def test_nodes_plan_in_a_shelf_with_whole_chains() -> None:
     arm = ur5()
     problem, goals = random_shelf_problem_with_goals(arm, np.random.default_rng(2**50 + 1))
     with running_suite("ur5") as suite:
-        suite.add_all(inference_timeout=20.0)
+        suite.add_all()
         client = suite.client()
-        client.wait_for_nodes(20.0)
-        client.publish_scene(problem.scene)
+        client.wait_for_nodes(PATIENCE)
+        client.publish_scene(problem.scene, PATIENCE)
         for sampler_id in ("learned", "path_library"):
             # RRT* asks for guidance at once.
             request = PlanRequest(planner_id="rrt_star", sampler_id=sampler_id, first_solution=True, seed=1)
@@ -90,7 +90,7 @@ def test_nodes_plan_in_a_shelf_with_whole_chains() -> None:
             request.start = JointState(name=names, position=problem.start.tolist())
             request.goal_states = [JointState(name=names, position=goal.tolist()) for goal in goals]
             request.scene_epoch, request.scene_revision = client.epoch, client.revision
-            response = client.plan(request, 20.0)
+            response = client.plan(request, PATIENCE)
             assert response.error_code == ErrorCode.SUCCESS, response.message
             assert (response.sampler_id, response.fallback_reason) == (sampler_id, "")
             assert len(response.keypoints) == 12
@@ -100,15 +100,15 @@ def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> 
     with running_suite("point") as suite:
         suite.add(DecompositionNode)
         suite.add(InferenceNode, model_folder=str(tmp_path))
-        suite.add(PlannerNode, inference_timeout=20.0)
+        suite.add(PlannerNode)
         client = suite.client()
-        client.wait_for_nodes(20.0)
-        client.publish_scene(gap_scene(0.8))
+        client.wait_for_nodes(PATIENCE)
+        client.publish_scene(gap_scene(0.8), PATIENCE)
         request = point_request(
             sampler_id="learned", planner_id="rrt_star", first_solution=True, allowed_planning_time=40.0
         )
         request.scene_epoch, request.scene_revision = client.epoch, client.revision
-        response = client.plan(request, 10.0)
+        response = client.plan(request, PATIENCE)
         assert response.error_code == ErrorCode.SUCCESS, response.message
         assert response.sampler_id == "keypoint_tube"
         assert "no model of kind path_chains or heatmap" in response.fallback_reason

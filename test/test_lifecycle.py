@@ -8,18 +8,34 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from bsp_informed_planner_msgs.action import PlanMotion
+import rclpy
 from bsp_informed_planner_msgs.msg import KeypointGraph, PlanResponse
 from bsp_informed_planner_msgs.srv import EstimateKeypoints
 from rcl_interfaces.srv import ListParameters
-from rclpy.action import ActionClient
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from suite import Suite, gap_scene, guided_request, point_request, running_suite, waypoints
+from suite import (
+    LONG,
+    PATIENCE,
+    SOON,
+    Suite,
+    gap_scene,
+    guided_request,
+    motion_client,
+    outcome_of,
+    point_request,
+    running_suite,
+    spin_until,
+    start_motion,
+    status_of,
+    until,
+    waypoints,
+)
 
+from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
-from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode
+from bsp_informed_planner.nodes.lifecycle import CANNOT_START, PlannerSuiteNode, run
 from bsp_informed_planner.nodes.planner_node import PlannerNode
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
@@ -36,16 +52,16 @@ def suite() -> Iterator[Suite]:
 def test_nodes_go_round_their_lifecycle(suite: Suite) -> None:
     suite.add_all()
     client = suite.client()
-    client.wait_for_nodes(20.0)
+    client.wait_for_nodes(PATIENCE)
     for node in suite.nodes:
         assert node.trigger_deactivate() is SUCCESS
         assert node.trigger_cleanup() is SUCCESS
         assert node.trigger_configure() is SUCCESS
         assert node.trigger_activate() is SUCCESS
     again = suite.client()
-    again.wait_for_nodes(10.0)
-    again.publish_scene(gap_scene(0.8))
-    assert again.plan(point_request(scene_revision=again.revision), 10.0).error_code == ErrorCode.SUCCESS
+    again.wait_for_nodes(PATIENCE)
+    again.publish_scene(gap_scene(0.8), PATIENCE)
+    assert again.plan(point_request(scene_revision=again.revision), PATIENCE).error_code == ErrorCode.SUCCESS
 
 
 @pytest.mark.parametrize("kind", [DecompositionNode, InferenceNode, PlannerNode])
@@ -63,50 +79,51 @@ def test_parameters_can_be_listed(suite: Suite) -> None:
     client = suite.client()
     for name, parameter in (("planner_node", "workers"), ("inference_node", "model"), ("decomposition_node", "grid")):
         service = client._node.create_client(ListParameters, f"{name}/list_parameters")
-        assert client._spin_until(service.service_is_ready, 5.0)
+        spin_until(client, service.service_is_ready)
         future = service.call_async(ListParameters.Request())
-        assert client._spin_until(future.done, 5.0)
+        spin_until(client, future.done)
         assert parameter in future.result().result.names
 
 
 def test_inactive_nodes_refuse_to_work(suite: Suite) -> None:
     suite.add_all()
     client = suite.client()
-    client.wait_for_nodes(20.0)
-    client.publish_scene(gap_scene(0.8))
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8), PATIENCE)
     planner = suite.nodes[-1]
     assert planner.trigger_deactivate() is SUCCESS
-    response = client.plan(point_request(), 10.0)
+    response = client.plan(point_request(), PATIENCE)
     assert response.error_code == ErrorCode.FAILURE
     assert "planner_node is not active" in response.message
     assert planner.trigger_activate() is SUCCESS
-    assert client.plan(point_request(scene_revision=client.revision), 10.0).error_code == ErrorCode.SUCCESS
+    assert client.plan(point_request(scene_revision=client.revision), PATIENCE).error_code == ErrorCode.SUCCESS
 
 
 def test_every_request_is_answered_when_the_node_is_cleaned_up(suite: Suite) -> None:
     suite.add_all(workers=1)
     clients = [suite.client() for _ in range(4)]
     for client in clients:
-        client.wait_for_nodes(20.0)
-    clients[0].publish_scene(gap_scene(0.8, gap=-0.1))
+        client.wait_for_nodes(PATIENCE)
+    clients[0].publish_scene(gap_scene(0.8, gap=-0.1), PATIENCE)
     revision = clients[0].revision
     responses: list[PlanResponse] = []
 
     def ask(client: object) -> None:
-        request = point_request(allowed_planning_time=30.0, scene_revision=revision)
-        responses.append(client.plan(request, 0.0))  # type: ignore[attr-defined]
+        request = point_request(allowed_planning_time=LONG, scene_revision=revision)
+        responses.append(client.plan(request, PATIENCE))  # type: ignore[attr-defined]
 
     threads = [threading.Thread(target=ask, args=(client,)) for client in clients]
     for thread in threads:
         thread.start()
-    time.sleep(0.5)
     planner = suite.nodes[-1]
+    assert isinstance(planner, PlannerNode)
+    until(lambda: planner._in_flight == 4)
     begin = time.monotonic()
     assert planner.trigger_deactivate() is SUCCESS
     assert planner.trigger_cleanup() is SUCCESS
     for thread in threads:
-        thread.join(timeout=10.0)
-    assert time.monotonic() - begin < 5.0
+        thread.join(timeout=PATIENCE)
+    assert time.monotonic() - begin < SOON
     # The one that ran was cancelled; those that waited may have found the node inactive before that.
     assert len(responses) == 4
     assert {response.error_code for response in responses} <= {ErrorCode.PREEMPTED, ErrorCode.FAILURE}
@@ -115,44 +132,45 @@ def test_every_request_is_answered_when_the_node_is_cleaned_up(suite: Suite) -> 
 
 def test_a_full_queue_answers_at_once(suite: Suite) -> None:
     suite.add_all(workers=1, queue_size=1)
-    clients = [suite.client() for _ in range(3)]
-    for client in clients:
-        client.wait_for_nodes(20.0)
-    revision = clients[0].publish_scene(gap_scene(0.8, gap=-0.1))
-    request = point_request(allowed_planning_time=2.0, scene_revision=revision)
-    codes: list[int] = []
-    threads = [
-        threading.Thread(target=lambda client=client: codes.append(client.plan(request, 5.0).error_code))
-        for client in clients
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(codes) == sorted([ErrorCode.TIMED_OUT, ErrorCode.TIMED_OUT, ErrorCode.ABORT])
+    client = suite.client()
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8, gap=-0.1), PATIENCE)
+    suite.settle(client)
+    action = motion_client(client)
+    goals = [start_motion(client, action, point_request(allowed_planning_time=LONG)) for _ in range(2)]
+    planner = suite.nodes[-1]
+    assert isinstance(planner, PlannerNode)
+    # One is worked on, one waits.
+    until(lambda: planner._in_flight == 2)
+    begin = time.monotonic()
+    response = client.plan(point_request(allowed_planning_time=LONG), PATIENCE)
+    assert response.error_code == ErrorCode.ABORT
+    assert time.monotonic() - begin < SOON
+    for goal in goals:
+        goal.cancel_goal_async()
+    assert {outcome_of(client, goal).error_code for goal in goals} == {ErrorCode.PREEMPTED}
+    action.destroy()
 
 
 def test_cancels_are_heard_in_the_queue(suite: Suite) -> None:
     suite.add_all(workers=1)
     client = suite.client()
-    client.wait_for_nodes(20.0)
-    revision = client.publish_scene(gap_scene(0.8, gap=-0.1))
-    action = ActionClient(client._node, PlanMotion, "plan_motion")
-    assert client._spin_until(action.server_is_ready, 5.0)
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8, gap=-0.1), PATIENCE)
+    suite.settle(client)
+    action = motion_client(client)
+    planner = suite.nodes[-1]
+    assert isinstance(planner, PlannerNode)
     goals = []
-    for _ in range(2):
-        request = point_request(allowed_planning_time=30.0, scene_revision=revision)
-        sent = action.send_goal_async(PlanMotion.Goal(request=request))
-        assert client._spin_until(sent.done, 5.0)
-        goals.append(sent.result())
+    for count in (1, 2):
+        goals.append(start_motion(client, action, point_request(allowed_planning_time=LONG)))
+        until(lambda: planner._in_flight == count)  # noqa: B023
     # The second waits for the first; both end soon after they are cancelled, the waiting one first.
     for goal in reversed(goals):
         begin = time.monotonic()
-        outcome = goal.get_result_async()
         goal.cancel_goal_async()
-        assert client._spin_until(outcome.done, 5.0)
-        assert time.monotonic() - begin < 2.0
-        assert outcome.result().result.response.error_code == ErrorCode.PREEMPTED
+        assert outcome_of(client, goal).error_code == ErrorCode.PREEMPTED
+        assert time.monotonic() - begin < SOON
     action.destroy()
 
 
@@ -197,9 +215,9 @@ def test_foreign_guidance_cannot_spoil_a_plan(suite: Suite, chain: list[list[flo
     foreign = ForeignInference(suite, chain, joints)
     suite.add(PlannerNode)
     client = suite.client()
-    client.wait_for_nodes(20.0)
-    client.publish_scene(gap_scene(0.8))
-    response = client.plan(guided_request(scene_revision=client.revision), 10.0)
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8), PATIENCE)
+    response = client.plan(guided_request(scene_revision=client.revision), PATIENCE)
     assert response.error_code == ErrorCode.SUCCESS, response.message
     path = waypoints(response)
     assert np.allclose(path[[0, -1]], [[0.1, 0.5], [0.9, 0.5]])
@@ -211,23 +229,39 @@ def test_foreign_guidance_cannot_spoil_a_plan(suite: Suite, chain: list[list[flo
 def test_hostile_messages_do_not_end_nodes(suite: Suite) -> None:
     suite.add_all()
     client = suite.client()
-    client.wait_for_nodes(20.0)
+    client.wait_for_nodes(PATIENCE)
     graph = client._node.create_publisher(KeypointGraph, "keypoint_graph", LATCHED)
-    assert client._spin_until(lambda: graph.get_subscription_count() > 1, 5.0)
+    spin_until(client, lambda: graph.get_subscription_count() > 1)
     graph.publish(KeypointGraph(scene_revision=1))
     far = scene_to_msg(gap_scene(0.8))
     far.workspace_max.x = 1e39
     twins = scene_to_msg(gap_scene(0.8))
     twins.obstacles[1].id = twins.obstacles[0].id
-    client._spin_until(lambda: client._statuses > 0, 0.5)
     for message, said in ((far, "workspace bounds"), (twins, "'lower'")):
-        before = client._statuses
-        client._publisher.publish(message)
-        while client._statuses == before:
-            assert client._spin_until(lambda: client._status is not None, 5.0)
-            client._spin_until(lambda: False, 0.05)
-        assert client._status is not None
-        assert client._status.error_code == ErrorCode.INVALID_OBJECT_NAME
-        assert said in client._status.message
-    client.publish_scene(gap_scene(0.8))
-    assert client.plan(point_request(scene_revision=client.revision), 10.0).error_code == ErrorCode.SUCCESS
+        status = status_of(client, message)
+        assert status.error_code == ErrorCode.INVALID_OBJECT_NAME
+        assert said in status.message
+    client.publish_scene(gap_scene(0.8), PATIENCE)
+    assert client.plan(point_request(scene_revision=client.revision), PATIENCE).error_code == ErrorCode.SUCCESS
+
+
+@pytest.mark.parametrize("is_told_to_end", [False, True])
+def test_a_process_that_is_told_to_end_while_it_is_set_up_ends_quietly(
+    is_told_to_end: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    class Node(PlannerSuiteNode):
+        def setup(self) -> None:
+            if is_told_to_end:
+                rclpy.shutdown()
+                self.create_publisher(PlanResponse, "late", 1)
+            raise InvalidOptionError("robot", "none", "one that there is")
+
+    def main() -> int:
+        try:
+            run(lambda: Node("ends"), [])
+        except SystemExit as end:
+            return int(str(end.code))
+        return 0
+
+    assert main() == (0 if is_told_to_end else CANNOT_START)
+    assert ("cannot" in capfd.readouterr().err) is not is_told_to_end

@@ -7,19 +7,26 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rclpy
-from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import PlanResponse
-from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.node import Node
-from suite import gap_scene, point_request
+from suite import (
+    PATIENCE,
+    gap_scene,
+    motion_client,
+    outcome_of,
+    point_request,
+    spin_until,
+    start_motion,
+    until,
+)
 
 from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses
 from bsp_informed_planner.nodes.client import SuiteClient, SuiteUnavailableError
@@ -72,18 +79,11 @@ def processes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Processes]:
             rclpy.shutdown(context=context)
 
 
-def until(condition: Callable[[], bool], seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
-def success(client: SuiteClient, seconds: float = 60.0) -> PlanResponse:
+def success(client: SuiteClient, seconds: float = PATIENCE) -> PlanResponse:
     """A plan that succeeds on the client's newest scene, within some time."""
     end = time.monotonic() + seconds
     while True:
-        request = point_request(scene_epoch=client.epoch, scene_revision=client.revision)
+        request = point_request(scene_epoch=client.epoch, scene_revision=client.revision, allowed_planning_time=5.0)
         said = "no answer"
         # There may be none from a node that was killed.
         with contextlib.suppress(SuiteUnavailableError):
@@ -97,27 +97,28 @@ def success(client: SuiteClient, seconds: float = 60.0) -> PlanResponse:
 @pytest.mark.parametrize("name", ["inference_node", "planner_node", "decomposition_node"])
 def test_a_node_killed_in_the_middle_of_a_plan(processes: Processes, name: str) -> None:
     client = processes.client()
-    client.publish_scene(gap_scene(0.8))
+    client.publish_scene(gap_scene(0.8), PATIENCE)
     epoch = client.epoch
     success(client)
     # One that improves its path until its time is over.
     answers: list[PlanResponse] = []
-    request = point_request(first_solution=False, allowed_planning_time=1.5)
+    request = point_request(first_solution=False, allowed_planning_time=3.0)
 
     def ask() -> None:
         try:
-            answers.append(client.plan(request, 2.0))
+            answers.append(client.plan(request, 5.0 if name == "planner_node" else PATIENCE))
         except SuiteUnavailableError as error:
             lost.append(error)
 
     lost: list[SuiteUnavailableError] = []
     thread = threading.Thread(target=ask)
     thread.start()
+    # It is in the middle; were it not, on a machine that is busy, it would be answered all the same.
     time.sleep(0.4)
     victim = processes.nodes.processes[name]
     victim.send_signal(signal.SIGKILL)
-    victim.wait(5.0)
-    until(lambda: processes.nodes.revive() == [name], 5.0)
+    victim.wait(PATIENCE)
+    until(lambda: processes.nodes.revive() == [name])
     thread.join()
     # Only the planner node takes its plan with it; without the others it goes on, on the scene that it began with.
     assert len(answers) + len(lost) == 1
@@ -125,26 +126,26 @@ def test_a_node_killed_in_the_middle_of_a_plan(processes: Processes, name: str) 
         assert answers[0].error_code == ErrorCode.SUCCESS, answers[0].message
     if name == "decomposition_node":
         # The client's scene is latched, so the new node hears it too, in an epoch of its own.
-        assert client._spin_until(lambda: client.epoch > epoch and client.revision >= 1, 60.0)
+        spin_until(client, lambda: client.epoch > epoch and client.revision >= 1)
 
     def is_up_to_date() -> bool:
         response = success(client)
         return (response.scene_epoch, response.scene_revision) == (client.epoch, client.revision)
 
     # The latched scenes of other clients, if there are some, make revisions of their own.
-    until(is_up_to_date, 20.0)
+    until(is_up_to_date)
     assert processes.nodes.revive() == []
 
 
 def test_eight_clients_at_once(processes: Processes) -> None:
     clients = [processes.client() for _ in range(8)]
-    clients[0].publish_scene(gap_scene(0.8))
+    clients[0].publish_scene(gap_scene(0.8), PATIENCE)
     success(clients[0])
     codes: list[int] = []
 
     def ask(client: SuiteClient) -> None:
         for _ in range(4):
-            codes.append(client.plan(point_request(), 30.0).error_code)
+            codes.append(client.plan(point_request(), PATIENCE).error_code)
 
     threads = [threading.Thread(target=ask, args=(client,)) for client in clients]
     for thread in threads:
@@ -157,24 +158,20 @@ def test_eight_clients_at_once(processes: Processes) -> None:
 
 def test_cancels_at_random_moments(processes: Processes) -> None:
     client = processes.client()
-    client.publish_scene(gap_scene(0.8))
+    client.publish_scene(gap_scene(0.8), PATIENCE)
     success(client)
-    action = ActionClient(client._node, PlanMotion, "plan_motion")
-    assert client._spin_until(action.server_is_ready, 10.0)
+    action = motion_client(client)
     rng = np.random.default_rng(1)
     codes = []
-    for _ in range(12):
-        request = point_request(first_solution=False, allowed_planning_time=0.4)
-        sent = action.send_goal_async(PlanMotion.Goal(request=request))
-        assert client._spin_until(sent.done, 5.0)
-        outcome = sent.result().get_result_async()
+    for index in range(12):
+        # Most are in time, however late they are heard; some are too late, and then there is a path.
+        allowed = 0.4 if index % 4 == 3 else PATIENCE
+        goal = start_motion(client, action, point_request(first_solution=False, allowed_planning_time=allowed))
         client._spin_until(lambda: False, rng.uniform(0.0, 0.5))
-        cancelled = sent.result().cancel_goal_async()
-        assert client._spin_until(lambda: cancelled.done() and outcome.done(), 5.0)  # noqa: B023
-        codes.append(outcome.result().result.response.error_code)
-    # Some were too late: then there is a path.
+        goal.cancel_goal_async()
+        codes.append(outcome_of(client, goal).error_code)
     assert set(codes) <= {ErrorCode.PREEMPTED, ErrorCode.SUCCESS}
-    assert ErrorCode.PREEMPTED in codes
+    assert codes.count(ErrorCode.PREEMPTED) >= 9
     assert processes.nodes.revive() == []
     action.destroy()
 

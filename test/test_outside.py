@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from suite import running_suite
+from suite import PATIENCE, running_suite, spin_until
 from typer.testing import CliRunner
 
 from bsp_informed_planner.cli.app import app
@@ -54,8 +54,8 @@ def test_the_decomposition_node_warns_and_goes_on() -> None:
     with running_suite("point") as suite:
         suite.add(DecompositionNode)
         client = suite.client()
-        assert client._spin_until(lambda: client._publisher.get_subscription_count() > 0, 20.0)
-        assert client.publish_scene(Scene.of([at("in", 0.5), at("out", 5.0)], BOUNDS)) == 1
+        spin_until(client, lambda: client._publisher.get_subscription_count() > 0)
+        assert client.publish_scene(Scene.of([at("in", 0.5), at("out", 5.0)], BOUNDS), PATIENCE) == 1
         assert client._status is not None
         assert client._status.message.startswith("2 obstacles; warning: 'out' wholly outside")
 

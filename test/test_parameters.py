@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 from rclpy.parameter import Parameter
-from suite import Suite, gap_scene, guided_request, point_request, running_suite
+from suite import PATIENCE, Suite, gap_scene, guided_request, point_request, running_suite
 
 from bsp_informed_planner.cli.app import app
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
@@ -75,20 +75,21 @@ def test_unknown_parameters_may_be_allowed(suite: Suite, capfd: pytest.CaptureFi
 def test_changes_are_judged_and_applied(suite: Suite) -> None:
     suite.add_all()
     client = suite.client()
-    client.wait_for_nodes(20.0)
-    client.publish_scene(gap_scene(0.8))
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8), PATIENCE)
+    suite.settle(client)
     planner = suite.nodes[-1]
     assert "at most max_seconds, 2" in refusal(planner, uniform_fraction=0.7, max_seconds=2.0)
     assert planner.get_parameter("uniform_fraction").value == 0.5
     assert "at most" in refusal(planner, uniform_fraction=1.5) or "range" in refusal(planner, uniform_fraction=1.5)
     assert "'magic'" in refusal(planner, sampler_id="magic")
     assert "when the node is configured" in refusal(planner, workers=4)
-    assert client.plan(guided_request(), 10.0).sampler_id == "keypoint_tube"
+    assert client.plan(guided_request(), PATIENCE).sampler_id == "keypoint_tube"
     assert refusal(planner, sampler_id="uniform") == ""
-    response = client.plan(point_request(), 10.0)
+    response = client.plan(point_request(), PATIENCE)
     assert (response.error_code, response.sampler_id) == (ErrorCode.SUCCESS, "uniform")
     assert refusal(planner, max_seconds=0.5, allowed_planning_time=0.5) == ""
-    response = client.plan(point_request(allowed_planning_time=1.0), 10.0)
+    response = client.plan(point_request(allowed_planning_time=1.0), PATIENCE)
     assert "at most 0.5 s" in response.message
     # What is read when a node is configured can be set while it is not.
     planner.trigger_deactivate()
@@ -102,13 +103,14 @@ def test_changes_are_judged_and_applied(suite: Suite) -> None:
 def test_a_change_to_empty_scenes_takes_effect(suite: Suite) -> None:
     suite.add_all()
     client = suite.client()
-    client.wait_for_nodes(20.0)
+    client.wait_for_nodes(PATIENCE)
     scene = gap_scene(0.8)
-    client.publish_scene(type(scene).of([], scene.bounds))
-    refused = client.plan(point_request(scene_revision=client.revision), 10.0)
+    client.publish_scene(type(scene).of([], scene.bounds), PATIENCE)
+    suite.settle(client)
+    refused = client.plan(point_request(scene_revision=client.revision), PATIENCE)
     assert refused.error_code == ErrorCode.UNABLE_TO_ACQUIRE_SENSOR_DATA
     assert refusal(suite.nodes[-1], allow_empty_scene=True) == ""
-    assert client.plan(point_request(), 10.0).error_code == ErrorCode.SUCCESS
+    assert client.plan(point_request(), PATIENCE).error_code == ErrorCode.SUCCESS
 
 
 def test_descriptors_say_bounds(suite: Suite) -> None:

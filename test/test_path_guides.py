@@ -246,6 +246,23 @@ def test_chains_lead_from_start_to_goals_within_limits(sampler_id: str, models: 
     assert samples.shape == (50, 6)
 
 
+def test_chains_are_repaired_in_the_scene_unless_the_network_is_blind(models: Path, experience: Experience) -> None:
+    setting, path = setting_of(experience, models), experience.paths[0]
+    checker = BoundedChecker(ARM, setting.scene)
+    model = PathProposals.load(models / "shelf_path_chains.json")
+    blind = replace(model, card=replace(model.card, encoding={**model.card.encoding, "scene": False}))
+
+    def chains(guide: PathChainGuide) -> FloatArray:
+        found = guide.guide(path[0], path[-1:], checker).chains
+        return np.array([chain.configurations for chain in found])
+
+    proposed = PathChainGuide(setting, model).proposed(path[0], path[-1:])
+    np.testing.assert_array_equal(chains(PathChainGuide(setting, model, repair=False)), proposed)
+    assert np.abs(chains(PathChainGuide(setting, model)) - proposed).max() > 1e-3
+    unseen = PathChainGuide(setting, blind)
+    np.testing.assert_array_equal(chains(unseen), unseen.proposed(path[0], path[-1:]))
+
+
 def test_networks_of_another_view_are_refused(models: Path, experience: Experience) -> None:
     model = PathProposals.load(models / "shelf_path_chains.json")
     encoding = {**model.card.encoding, "spread": 17}

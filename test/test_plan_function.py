@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from suite import Suite, gap_scene, running_suite
+from suite import PATIENCE, Suite, gap_scene, running_suite
 
 from bsp_informed_planner.errors import PlanningCancelledError, PlanningFailedError, SceneUnavailableError
 from bsp_informed_planner.nodes.plan_function import plan_request, plan_through
+from bsp_informed_planner.nodes.planner_node import PlannerNode
 from bsp_informed_planner.planning.problem import JointGoal, PlanOptions, PoseGoal
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.scene.pose import Pose
@@ -19,7 +20,7 @@ START, GOAL = np.array([0.1, 0.5]), np.array([0.9, 0.5])
 
 
 def question(**options: object) -> PlanQuestion:
-    settings = {"allowed_seconds": 2.0, "first_solution": True, "seed": 1, **options}
+    settings = {"allowed_seconds": PATIENCE, "first_solution": True, "seed": 1, **options}
     return PlanQuestion(START, (JointGoal(GOAL),), PlanOptions(**settings))  # type: ignore[arg-type]
 
 
@@ -31,11 +32,11 @@ def point() -> Iterator[Suite]:
 
 def test_the_nodes_answer(point: Suite) -> None:
     client = point.client()
-    client.wait_for_nodes(10.0)
+    client.wait_for_nodes(PATIENCE)
     with pytest.raises(SceneUnavailableError):
         client.wait_for_scene(0.2)
-    revision = client.publish_scene(gap_scene(0.8))
-    scene = client.wait_for_scene(10.0)
+    revision = client.publish_scene(gap_scene(0.8), PATIENCE)
+    scene = client.wait_for_scene(PATIENCE)
     assert scene.revision == revision
     assert len(scene.obstacles) == 2
     plan = plan_through(client, PointRobot(), revision)
@@ -46,10 +47,14 @@ def test_the_nodes_answer(point: Suite) -> None:
     assert len(answer.costs) == len(answer.cost_seconds) >= 1
     assert len(answer.keypoints) >= 1
     assert answer.cost > 0.8
-    # A plan that nobody wants any more, and one that there is not.
+    # A plan that nobody wants any more is over in the node, too.
     with pytest.raises(PlanningCancelledError):
-        plan(question(first_solution=False), lambda: True)
-    client.publish_scene(gap_scene(0.2))
+        plan(question(first_solution=False, allowed_seconds=60.0), lambda: True)
+    node = next(node for node in point.nodes if isinstance(node, PlannerNode))
+    assert client._spin_until(lambda: node.diagnostic_values()["plans_in_flight"] == 0, PATIENCE)
+    # One on a scene that is not in force any more.
+    client.publish_scene(gap_scene(0.2), PATIENCE)
+    point.settle(client)
     with pytest.raises(PlanningFailedError, match=str(revision)):
         plan(question(), lambda: False)
 

@@ -27,7 +27,7 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions, PlanResult, PoseGoal
 from bsp_informed_planner.planning.path import interpolate, path_length
 from bsp_informed_planner.planning.problem import OMPL_PLANNER_IDS, PLANNER_IDS
-from bsp_informed_planner.planning.search import sampling_bounds
+from bsp_informed_planner.planning.sampling_box import NEAR, near_bounds, sampling_bounds
 from bsp_informed_planner.planning.shelf_problem import random_shelf_problem
 from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.robots.arm import ArmRobot
@@ -347,6 +347,26 @@ def test_uniform_samples_hold_every_posture(arm: ArmRobot) -> None:
     assert (upper - lower >= np.minimum(2.0 * np.pi, arm.upper - arm.lower) - 1e-9)[full].all()
     assert (lower >= arm.lower).all()
     assert (upper <= arm.upper).all()
+
+
+def test_a_search_begins_near_start_and_goals(arm: ArmRobot) -> None:
+    start = np.array([0.1, -1.0, 1.0, -1.0, 3.0, 5.0])
+    near = start + np.array([1.0, -0.5, 0.3, 0.0, -2.0, -3.0])
+    wound = near - np.array([0.0, 0.0, 0.0, 0.0, 2.0 * np.pi, 0.0])
+    lower, upper = near_bounds(arm, start, np.array([near, wound]))
+    whole_lower, whole_upper = sampling_bounds(arm, start, np.array([near, wound]))
+    for state in (start, near):
+        assert (lower <= state).all()
+        assert (state <= upper).all()
+    # The goal that is wound further does not make the box larger, but is a goal all the same.
+    assert wound[4] < lower[4]
+    inside = np.maximum(np.minimum(start, near) - NEAR, arm.lower)
+    assert (lower <= inside + 1e-12).all()
+    assert (upper - lower).prod() < 0.1 * (whole_upper - whole_lower).prod()
+    # A goal that is further than half a turn alone is in the box.
+    lower, upper = near_bounds(arm, start, wound[None])
+    assert (lower <= wound).all()
+    assert (wound <= upper).all()
 
 
 @pytest.mark.parametrize("planner_id", OWN_PLANNER_IDS)

@@ -16,16 +16,15 @@ from rich.console import Console
 from bsp_informed_planner.benchmarks import statistics
 from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments, Mode
 from bsp_informed_planner.benchmarks.machine import pinned, processors
-from bsp_informed_planner.benchmarks.planning import certificates, costs, first_paths, problems, threads
+from bsp_informed_planner.benchmarks.planning import cancels, certificates, costs, first_paths, problems, threads
 from bsp_informed_planner.benchmarks.planning.benchmark import planning_benchmark
 from bsp_informed_planner.benchmarks.planning.methods import History, Run, has_ompl, methods, robot, warm_up
 from bsp_informed_planner.benchmarks.planning.problems import ShelfProblem, draw_problem, draw_solved_problem
 from bsp_informed_planner.benchmarks.report import Section
 from bsp_informed_planner.benchmarks.runner import run_benchmark
 from bsp_informed_planner.collision.exact import ExactChecker
-from bsp_informed_planner.errors import SamplesExhaustedError
 from bsp_informed_planner.planning.planner import Planner
-from bsp_informed_planner.planning.problem import JointGoal, PlanOptions
+from bsp_informed_planner.planning.problem import JointGoal
 from bsp_informed_planner.sampling.path_guide import path_guidance
 
 RNG = np.random.default_rng(0)
@@ -70,14 +69,7 @@ def test_strata_are_told_by_other_seeds() -> None:
         drawn = draw_problem(robot(), np.random.default_rng(2), stratum)
         assert drawn.stratum == stratum
         planner = Planner(robot(), drawn.scene)
-        solved = 0
-        for seed in range(3):
-            options = PlanOptions("rrt_connect", "uniform", 20.0, True, max_samples=problems.HARD_SAMPLES, seed=seed)
-            try:
-                planner.plan(drawn.problem, options)
-                solved += 1
-            except SamplesExhaustedError:
-                pass
+        solved = sum(problems.is_solved_soon(planner, drawn.problem, seed) for seed in range(3))
         assert solved >= 2 if stratum == "easy" else solved <= 1
 
 
@@ -234,6 +226,14 @@ def test_threads_are_paired() -> None:
     assert not any(name.endswith("hard") for name in found)
 
 
+def test_the_longest_delay_of_a_cancel_counts() -> None:
+    rows: list[dict[str, Any]] = [{"anytime": [0.001, 0.003]}, {"anytime": [], "rrt_star": [0.021]}]
+    longest = numbers(cancels.summarise, rows)["delay of a cancel, longest"]
+    assert longest.value == pytest.approx(21.0)
+    assert "of 3; median 3" in longest.remark
+    assert not longest.holds
+
+
 def test_verdicts_are_counted() -> None:
     key = f"{next(iter(certificates.CHECKS))}: simplified"
     rows: list[dict[str, Any]] = [{key: "colliding"}, {key: "certified"}, {key: "checked"}, {key: "colliding"}, {}]
@@ -247,7 +247,7 @@ def test_verdicts_are_counted() -> None:
 @pytest.mark.skipif(not has_ompl(), reason="ompl is not installed")
 def test_small_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     benchmark = planning_benchmark(quick=True)
-    assert {part.name for part in benchmark.parts} == {"first", "threads", "costs", "certificates"}
+    assert {part.name for part in benchmark.parts} == {"first", "threads", "cancel", "costs", "certificates"}
     parts = []
     for part in benchmark.parts:
         cases = [{**case, "seconds": 0.1} if "seconds" in case else case for case in part.cases[:1]]

@@ -12,7 +12,7 @@ from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.neighbour_kernels import nearest_rows
 from bsp_informed_planner.planning.path import interpolate, path_length, without_repeats
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
-from bsp_informed_planner.planning.rrt_connect import RrtConnect
+from bsp_informed_planner.planning.rrt_connect import MOST_ASKED, RrtConnect
 from bsp_informed_planner.planning.rrt_star import RrtStar, StarResult, plan_rrt_star
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
@@ -247,6 +247,40 @@ def test_trees_meet_where_the_bounds_are_undecided() -> None:
     assert path is not None
     assert path.tolist() == [start.tolist(), goal.tolist()]
     assert len(asked) == 1
+
+
+def test_the_judge_leads_chains_out_of_ends_that_the_bounds_leave_open() -> None:
+    start = np.array([0.5 - RADIUS - 1e-7, 0.5])
+    verdicts = ONE_BALL.verdicts()
+    asked: list[FloatArray] = []
+
+    def judge(a: FloatArray, b: FloatArray) -> bool:
+        asked.append(np.array((a, b)))
+        return ONE_BALL.is_edge_free(a, b)
+
+    chain = np.array([start, [0.2, 0.5], [0.5, 0.9], GOAL])
+    through = np.array([start, [0.5, 0.5], GOAL])
+    trees = RrtConnect(verdicts, space_of(0, GOAL, start), 0.1, np.array([True, False]))
+    trees.seed([through, chain, chain], judge)
+    # Once about each edge that leaves the start, and not about one that leaves a place which is free for certain.
+    assert [edge.tolist() for edge in asked] == [through[:2].tolist(), chain[:2].tolist()]
+    path = trees.solve(uniform_samples(), Budget(60.0))
+    assert path is not None
+    assert np.array_equal(path, chain)
+
+
+def test_the_judge_is_asked_a_few_times_only_when_trees_are_seeded() -> None:
+    start = np.array([0.5 - RADIUS - 1e-7, 0.5])
+    asked: list[FloatArray] = []
+
+    def judge(a: FloatArray, b: FloatArray) -> bool:
+        asked.append(b.copy())
+        return False
+
+    chains = [np.array([start, [0.2, 0.01 * k], GOAL]) for k in range(40)]
+    trees = RrtConnect(ONE_BALL.verdicts(), space_of(0, GOAL, start), 0.1, np.array([True, False]))
+    trees.seed(chains, judge)
+    assert len(asked) == MOST_ASKED
 
 
 def test_budgets_end_searches() -> None:

@@ -13,7 +13,7 @@ from bsp_informed_planner.planning.question_kernels import ASK_UNSURE
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.rrt_star import RrtStar
 from bsp_informed_planner.planning.sample_source import SampleSource
-from bsp_informed_planner.planning.search import sampling_bounds
+from bsp_informed_planner.planning.sampling_box import sampling_bounds
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.planning.subset_kernels import Space

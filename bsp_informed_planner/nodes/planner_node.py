@@ -55,8 +55,8 @@ SCENE_PATIENCE = 1.0
 MARKER_PERIOD = 0.1
 #: How long the result of an action is kept for a client that has not asked for it yet [s].
 RESULT_TIMEOUT = 30
-#: How long a node that is cleaned up waits for its last answers to be sent [s].
-ANSWER_SECONDS = 2.0
+#: How long a node that is cleaned up waits for its last answers to be made, and then for the last to be sent [s].
+ANSWER_SECONDS, SENDING_SECONDS = 5.0, 0.25
 
 
 class PlannerNode(PlannerSuiteNode):
@@ -132,8 +132,8 @@ class PlannerNode(PlannerSuiteNode):
         end = time.monotonic() + ANSWER_SECONDS
         while self._in_flight and time.monotonic() < end:
             time.sleep(0.01)
-        # The last answer is sent right after its coroutine has ended.
-        time.sleep(0.05)
+        # The last answer is sent right after its coroutine has ended, by a thread that may have to wait for a core.
+        time.sleep(SENDING_SECONDS)
 
     def diagnostic_values(self) -> dict[str, object]:
         return {

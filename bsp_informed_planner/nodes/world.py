@@ -155,8 +155,10 @@ class WorldTracker:
 
     @property
     def revision(self) -> int:
-        """Of the scene in force; 0 without one."""
-        return 0 if self._scene is None or self._scene[0] != self.epoch else self._scene[1].revision
+        """Of the scene in force; 0 without one. It is known when both the scene and its status have come."""
+        if self._scene is None or self._status is None or self._scene[0] != self.epoch:
+            return 0
+        return min(self._scene[1].revision, int(self._status.revision))
 
     def current(
         self,
@@ -185,6 +187,10 @@ class WorldTracker:
             self._wait_for(epoch, revision, wait_seconds, cancelled)
         with self._lock:
             robot = self.robot
+            is_behind = epoch in (0, self.epoch) and self.revision < revision and not self._is_unreadable
+            if is_behind and (self.revision or self._refusal):
+                # What is known of an older scene, that it was refused for example, does not matter.
+                raise SceneRevisionError(revision, self.revision)
             scene = self._trusted_scene(epoch)
             if revision not in (0, scene.revision):
                 raise SceneRevisionError(revision, scene.revision)
@@ -230,7 +236,9 @@ class WorldTracker:
         end = time.monotonic() + seconds
         with self._lock:
             # A greater epoch is newer: one that is over does not come back.
-            while not self._refusal and (self.epoch < epoch or (epoch in (0, self.epoch) and self.revision < revision)):
+            while not self._is_unreadable and (
+                self.epoch < epoch or (epoch in (0, self.epoch) and self.revision < revision)
+            ):
                 remaining = end - time.monotonic()
                 if remaining <= 0.0:
                     return
@@ -246,7 +254,12 @@ class WorldTracker:
             return ""
         if status.error_code != ErrorCode.SUCCESS:
             return str(status.message)
-        return self._unreadable[1] if self._unreadable[0] == status.epoch else ""
+        return self._unreadable[1] if self._is_unreadable else ""
+
+    @property
+    def _is_unreadable(self) -> bool:
+        """Whether this node could not read the newest scene."""
+        return self._status is not None and self._unreadable[0] == self._status.epoch
 
     def _on_scene(self, message: ObstacleScene) -> None:
         try:

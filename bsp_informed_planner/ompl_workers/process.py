@@ -100,6 +100,7 @@ class OmplProcess:
             theirs.close()
         self.scene: Scene | None = None
         self._is_ready = False
+        self._is_ended = False
         self.searches = 0
         # If it has died already, the first search will say so.
         with contextlib.suppress(OSError):
@@ -112,7 +113,13 @@ class OmplProcess:
 
     @property
     def is_alive(self) -> bool:
-        return self._process.poll() is None
+        """Whether it may be given searches: one that was ended may take a while to be gone."""
+        return not self._is_ended and self._process.poll() is None
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether it was ended, and is not gone yet."""
+        return self._is_ended and self._process.poll() is None
 
     def solve(
         self,
@@ -182,9 +189,14 @@ class OmplProcess:
         self._log.close()
 
     def kill(self) -> None:
-        """End the process whatever it does."""
-        self._process.kill()
+        """End the process whatever it does, and wait until it is gone."""
+        self._end()
         self._process.wait()
+
+    def _end(self) -> None:
+        """End the process whatever it does. To give back its memory takes the system tens of milliseconds."""
+        self._is_ended = True
+        self._process.kill()
 
     def _receive(self, request: OmplRequest, cancelled: Callable[[], bool], deadline: float) -> object | None:
         """The next message; None if there is none before the deadline."""
@@ -213,7 +225,7 @@ class OmplProcess:
                     return None
         except (EOFError, OSError):
             pass
-        self.kill()
+        self._end()
         return None
 
     def _obituary(self) -> str:
@@ -247,8 +259,10 @@ class OmplWorkers:
         self._make_checker = make_checker
         self._lock = threading.Lock()
         self._idle: list[OmplProcess] = []
+        # Ended, but perhaps not gone yet: no plan waits for that.
+        self._ended: list[OmplProcess] = []
         # Not a method of this: the finalizer would keep it alive for ever. It also runs when the interpreter ends.
-        self._finalizer = weakref.finalize(self, _close_all, self._idle)
+        self._finalizer = weakref.finalize(self, _close_all, self._idle, self._ended)
 
     def start(self) -> None:
         """Start a process if none waits, so that the first search finds it ready.
@@ -279,8 +293,9 @@ class OmplWorkers:
     def close(self) -> None:
         """End all processes that are idle. The next search starts another one."""
         with self._lock:
-            closing = self._idle.copy()
+            closing = [*self._idle, *self._ended]
             self._idle.clear()
+            self._ended.clear()
         _close_all(closing)
 
     @property
@@ -293,6 +308,9 @@ class OmplWorkers:
         """One that waits, at best one that knows the scene, or a new one."""
         require_ompl(planner_id)
         with self._lock:
+            for ended in [process for process in self._ended if not process.is_ending]:
+                self._ended.remove(ended)
+                ended.close()
             self._idle.sort(key=lambda process: process.scene is scene)
             while self._idle:
                 process = self._idle.pop()
@@ -305,14 +323,18 @@ class OmplWorkers:
         if process.is_alive and process.searches < MOST_SEARCHES and self._finalizer.alive:
             with self._lock:
                 self._idle.append(process)
+        elif process.is_ending and self._finalizer.alive:
+            with self._lock:
+                self._ended.append(process)
         else:
             process.close()
 
 
-def _close_all(processes: list[OmplProcess]) -> None:
-    for process in processes:
-        process.close()
-    processes.clear()
+def _close_all(*lists: list[OmplProcess]) -> None:
+    for processes in lists:
+        for process in processes:
+            process.close()
+        processes.clear()
 
 
 def _environment() -> dict[str, str]:

@@ -13,7 +13,7 @@ from bsp_informed_planner.planning.problem import PlanningProblem, PlanOptions
 from bsp_informed_planner.planning.question_kernels import ASK_ALL
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.sample_source import SampleSource
-from bsp_informed_planner.planning.search import sampling_bounds
+from bsp_informed_planner.planning.sampling_box import sampling_bounds
 from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.sampling.sampler import ClippedSampler
 from bsp_informed_planner.scene.pose import FloatArray

@@ -12,7 +12,8 @@ from bsp_informed_planner.ompl_workers.process import OmplWorkers
 from bsp_informed_planner.ompl_workers.request import OmplRequest
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.problem import PlanOptions
-from bsp_informed_planner.planning.search import SAME_STATE, Search, sampling_bounds
+from bsp_informed_planner.planning.sampling_box import sampling_bounds
+from bsp_informed_planner.planning.search import SAME_STATE, Search
 from bsp_informed_planner.planning.verification import verified
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import secrets
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -29,6 +28,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.ompl_workers.process import OmplWorkers, require_ompl
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.judges import Judges
 from bsp_informed_planner.planning.ompl_search import OmplPathSearch
 from bsp_informed_planner.planning.path import without_straight_points
 from bsp_informed_planner.planning.problem import (
@@ -62,8 +62,6 @@ RESERVE_SECONDS = 0.3
 #: Work that kernels are given at a time, about a millisecond: a number of edges, of arms and of robots that only slide.
 #: It does not hang on the clock, since what is found may hang on it.
 WORK, SLIDING_WORK = 64, 1024
-#: Judges of different paddings that are kept, and idle ones of each.
-MAX_JUDGES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +162,7 @@ class Planner:
         options = guide_options or KeypointGuideOptions()
         self._guides = SceneGuides(GuideSetting(self.robot, scene, lambda: self.decomposition, options, models))
         self.ompl_workers = ompl_workers or OmplWorkers(robot)
-        self._lock = threading.Lock()
-        self._finest = default_verification_resolution(self.robot)
-        # By padding and resolution: judges to make others from, and those that no plan uses at the moment.
-        first = BoundedChecker(self.robot, scene, finest=self._finest)
-        self._judges = {(0.0, self._finest): first}
-        self._idle: dict[tuple[float, float], list[BoundedChecker]] = {(0.0, self._finest): [first]}
+        self._judges = Judges(self.robot, scene, default_verification_resolution(self.robot))
 
     @property
     def decomposition(self) -> Decomposition:
@@ -196,13 +189,7 @@ class Planner:
         """
         if decompose:
             _ = self.decomposition
-        judges = tuple(self._judge(0.0, self._finest) for _ in range(threads))
-        lower, upper = np.asarray(self.robot.lower), np.asarray(self.robot.upper)
-        for judge in judges:
-            judge.surely_free_edges(np.linspace(0.75 * lower + 0.25 * upper, 0.25 * lower + 0.75 * upper, 4))
-            judge.judge.touches(0.5 * (lower + upper))
-            judge.certifier.get_ready()
-        self._return_judges((0.0, self._finest), judges)
+        self._judges.get_ready(threads)
 
     def checker(self, padding: float = 0.0) -> ExactChecker:
         """An exact collision checker of its own for the caller. `padding`: distance to keep from obstacles [m]."""
@@ -215,28 +202,7 @@ class Planner:
             padding: distance to keep from obstacles [m].
             finest: shortest interval of its proofs [m]; None: the default of `PlanOptions.verification_resolution`.
         """
-        key = padding, self._finest if finest is None else finest
-        with self._lock:
-            if key not in self._judges:
-                # Paddings that callers make up must not pile up.
-                if len(self._judges) >= MAX_JUDGES:
-                    self._judges.clear()
-                self._judges[key] = BoundedChecker(self.robot, self.scene, *key)
-            return self._judges[key].clone()
-
-    def _judge(self, padding: float, finest: float) -> BoundedChecker:
-        """A judge that nobody else uses; `_release` gives it back."""
-        with self._lock:
-            idle = self._idle.get((padding, finest))
-            if idle:
-                return idle.pop()
-        return self.judge(padding, finest)
-
-    def _return_judges(self, key: tuple[float, float], judges: tuple[BoundedChecker, ...]) -> None:
-        with self._lock:
-            if len(self._idle) >= MAX_JUDGES:
-                self._idle.clear()
-            self._idle[key] = [*self._idle.get(key, []), *judges][:MAX_JUDGES]
+        return self._judges.make(padding, finest)
 
     def plan(
         self,
@@ -305,7 +271,9 @@ class Planner:
             require_room("max_samples", options.max_samples, self.robot.dof)
         search = Search(self.robot, options, budget, seed, on_progress)
         search.report("validating")
-        judges = tuple(self._judge(options.padding, search.verification_resolution) for _ in range(options.threads))
+        judges = tuple(
+            self._judges.lend(options.padding, search.verification_resolution) for _ in range(options.threads)
+        )
         before = sum(judge.checks for judge in judges)
         start = free_state(self.robot, judges[0], "start", problem.start)
         goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals, budget.check_cancelled)
@@ -353,7 +321,7 @@ class Planner:
         try:
             return self._solved(plan, guidance)
         finally:
-            self._return_judges((plan.options.padding, plan.search.verification_resolution), plan.judges)
+            self._judges.give_back(*plan.judges)
 
     def _solved(self, plan: PreparedPlan, guidance: Guidance | Callable[[], Guidance]) -> PlanResult:
         options, budget, search = plan.options, plan.budget, plan.search

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from bsp_informed_planner.collision.verdict_calls_kernels import FREE
 from bsp_informed_planner.collision.verdicts import Verdicts
 from bsp_informed_planner.decomposition.array_types import Flags, Floats
 from bsp_informed_planner.planning.budget import Budget, Chunks, never
@@ -44,10 +45,13 @@ from bsp_informed_planner.planning.tree import (
     new_tree,
     path_to_root,
 )
+from bsp_informed_planner.planning.tree_kernels import UNSURE, Tree
 
 #: Tells whether an edge that the bounds leave open is free.
 Judge = Callable[[Floats, Floats], bool]
 
+#: Edges out of undecided ends that the judge is asked about for one tree, when it is seeded.
+MOST_ASKED = 8
 _FIRST_CAPACITY = 1024
 _UNLIMITED = 1 << 62
 
@@ -111,16 +115,43 @@ class RrtConnect:
         add(trees.start, space.ends[:1], np.array([-1]), self._unsure[:1], space.weights)
         add(trees.goal, space.ends[near], np.full(near.sum(), -1), self._unsure[near], space.weights)
 
-    def seed(self, chains: Sequence[Floats]) -> None:
+    def seed(self, chains: Sequence[Floats], judge: Judge | None = None) -> None:
         """Before it goes on, the search puts the free prefix of each chain into the start tree, the free suffix into
         the goal tree. A chain that is free as a whole solves the problem.
 
         Args:
             chains: each (m, n), from the start to one of the goals, best first.
+            judge: is asked about a few edges that lead out of an end that the bounds leave open; None: these count as
+                blocked.
         """
         self._trees.counters[CHAIN] = 0
         if chains:
             self._chains = np.concatenate(chains), np.cumsum([0, *(len(chain) for chain in chains)])
+        if judge is not None and (self._room() >= MOST_ASKED + QUESTIONS or self._enlarge()):
+            self._leave_ends(self._trees.start, chains, judge)
+            self._leave_ends(self._trees.goal, [chain[::-1] for chain in chains], judge)
+
+    def _room(self) -> int:
+        return min(len(tree.nodes) - int(tree.size[0]) for tree in (self._trees.start, self._trees.goal))
+
+    def _leave_ends(self, tree: Tree, ways: Sequence[Floats], judge: Judge) -> None:
+        """Adds the begin of each way (m, n) from a root, up to the first node that the bounds prove free."""
+        known = {tree.nodes[node].tobytes(): node for node in range(int(tree.size[0]))}
+        asked = 0
+        for way in ways:
+            tail = known.get(way[0].tobytes())
+            for head in way[1:]:
+                if tail is None or not tree.links[tail, UNSURE]:
+                    break
+                node = known.get(head.tobytes())
+                if node is None:
+                    asked += 1
+                    if asked > MOST_ASKED or not judge(tree.nodes[tail], head):
+                        break
+                    unsure = self._verdicts.of_states(head[None]) != FREE
+                    node = int(add(tree, head[None], np.array([tail]), unsure, self._space.weights)[0])
+                    known[head.tobytes()] = node
+                tail = node
 
     def solve(
         self,

@@ -15,6 +15,7 @@ from bsp_informed_planner.planning.grown_tree import GrownTree
 from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_verification_resolution
+from bsp_informed_planner.planning.sampling_box import near_bounds, sampling_bounds
 from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, HEAD_START, Problem, Worker
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
@@ -45,19 +46,6 @@ class Progress:
     elapsed_seconds: float
     best_cost: float | None
     samples: int
-
-
-def sampling_bounds(robot: Robot, start: FloatArray, goals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The box in which uniform samples are drawn: (lower, upper), each (n,).
-
-    The joint limits; but joints that can turn further than once are kept within half a turn beyond start and goals, or
-    further to one side where a limit cuts the other off. Every posture is still in the box, some in fewer windings.
-    """
-    states = np.vstack((start[None], goals))
-    low, high = states.min(axis=0) - np.pi, states.max(axis=0) + np.pi
-    lower = np.maximum(robot.lower, low - np.maximum(high - robot.upper, 0.0))
-    upper = np.minimum(robot.upper, high + np.maximum(robot.lower - low, 0.0))
-    return np.where(robot.revolute, lower, robot.lower), np.where(robot.revolute, upper, robot.upper)
 
 
 class Search:
@@ -159,10 +147,10 @@ class Search:
             self.record(np.array([start, nearest]), "searching")
             return self.incumbent.path
         limits = (np.asarray(self._robot.lower), np.asarray(self._robot.upper))
-        box = sampling_bounds(self._robot, start, goals)
+        boxes = near_bounds(self._robot, start, goals), sampling_bounds(self._robot, start, goals)
         options = self._options
         head_start = HEAD_START if options.head_start is None else options.head_start
-        problem = Problem(start, goals, box, limits, self.max_step, options.uniform_fraction, head_start)
+        problem = Problem(start, goals, *boxes, limits, self.max_step, options.uniform_fraction, head_start)
         seeds = self._seeds.spawn(len(judges))
         workers = [
             Worker(problem, judge, self.budget, np.random.default_rng(seed), self.incumbent)
@@ -180,10 +168,17 @@ class Search:
         return self.incumbent.path
 
     def _anytime(self, workers: list[Worker], guidance: Guidance | Callable[[], Guidance]) -> None:
-        """All workers look for a first path, then for better ones; the first one is this thread."""
+        """All workers look for a first path, then for better ones; the first one is this thread.
+
+        The others begin when it asks for guidance: what ends sooner ends no sooner with them, and processors may slow
+        each other down.
+        """
         found, failures = threading.Event(), []
 
         def guided() -> Guidance:
+            for thread in threads:
+                if thread.ident is None:
+                    thread.start()
             return self._guided(guidance)
 
         def beside(worker: Worker) -> None:
@@ -195,13 +190,12 @@ class Search:
                 found.set()
 
         threads = [threading.Thread(target=beside, args=(worker,), daemon=True) for worker in workers[1:]]
-        for thread in threads:
-            thread.start()
         try:
             self._work(workers[0], guided, found)
         finally:
             for thread in threads:
-                thread.join()
+                if thread.ident is not None:
+                    thread.join()
         if failures:
             raise failures[0]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,7 +30,7 @@ from bsp_informed_planner.scene.pose import FloatArray
 #: Goals that a straight edge is tried to, the nearest ones.
 STRAIGHT = 4
 #: Uniform search before guidance is asked for, by default.
-HEAD_START = 300
+HEAD_START = 500
 #: Search with guidance before edges that the bounds leave open are looked at everywhere.
 GUIDED = 800
 #: Search with questions about such edges before it begins anew.
@@ -56,7 +57,8 @@ class Problem:
     Attributes:
         start: (n,) free.
         goals: (k, n) free.
-        box: lower and upper corner of the box of uniform samples, each (n,).
+        near_box: lower and upper corner of the box of uniform samples in which a search begins, each (n,).
+        box: of the one that leaves no posture out.
         limits: lower and upper joint limits, each (n,).
         max_step: longest edge of a tree.
         uniform_fraction: lambda, once there is guidance.
@@ -65,6 +67,7 @@ class Problem:
 
     start: FloatArray
     goals: FloatArray
+    near_box: tuple[FloatArray, FloatArray]
     box: tuple[FloatArray, FloatArray]
     limits: tuple[FloatArray, FloatArray]
     max_step: float
@@ -100,6 +103,7 @@ class Worker:
         self.space = new_space(problem.start, problem.goals, *problem.box, rng, incumbent.weights, incumbent.bound)
         self._uniform = SampleSource(len(problem.start), rng)
         self._mixture = self._uniform
+        self._guidance: Guidance | None = None
         self._effort = LEAST_PATIENCE
         self._looks = ALL_LOOKS
         self._finished_nodes = 0
@@ -122,11 +126,13 @@ class Worker:
         both = () if self._trees is None else (self._trees.start_tree(), self._trees.goal_tree())
         return both if self._star is None else (*both, self._star.tree())
 
-    def take(self, guidance: Guidance) -> None:
-        """Draw samples from guidance from now on."""
-        if guidance.sampler is not None:
+    def take(self, guidance: Guidance) -> list[FloatArray]:
+        """Draw samples from guidance from now on; returns its chains."""
+        if guidance.sampler is not None and guidance is not self._guidance:
             clipped: Sampler = ClippedSampler(guidance.sampler, *self._problem.limits)
             self._mixture = SampleSource(len(self._problem.start), self._rng, clipped, self._problem.uniform_fraction)
+        self._guidance = guidance
+        return [chain.configurations for chain in guidance.chains]
 
     # --- a first path ---
 
@@ -145,41 +151,48 @@ class Worker:
         path = self._straight()
         if path is not None:
             return path
+        self._draw_from(self._problem.near_box)
         self._trees = RrtConnect(self._verdicts, self.space, self._problem.max_step, self._unsure)
         trees, budget = self._trees, self._budget
 
         def grow(source: SampleSource, ask: int, effort: int) -> FloatArray | None:
             return trees.solve(source, budget, ask=ask, judge=self._passes, effort=effort, is_over=is_over)
 
+        def goes_on(path: FloatArray | None) -> bool:
+            return path is None and not budget.is_spent() and not is_over()
+
         # Where an end is undecided, so are mostly the states around it.
         closed_in = self._unsure[0] or self._unsure[1:].all()
         ask = ASK_ALL if closed_in else ASK_UNSURE
         self._looks = FIRST_LOOKS
         path = grow(self._uniform, ask, self._problem.head_start) if self._problem.head_start else None
-        chains: list[FloatArray] = []
-        if path is None and not budget.is_spent() and not is_over():
+        if goes_on(path):
             path = self._straight(ask=1)
-        if path is None and not budget.is_spent() and not is_over():
-            found = guidance()
-            chains = [chain.configurations for chain in found.chains]
-            self.take(found)
-            trees.seed(chains)
+        if goes_on(path):
+            trees.seed(self.take(guidance()), self._passes)
             path = grow(self._mixture, ask, GUIDED)
         self._looks = LOOKS
-        if path is None and not budget.is_spent() and not is_over():
+        if goes_on(path):
             path = grow(self._mixture, ASK_ALL, ASKING)
-        if path is None and not budget.is_spent() and not is_over():
+        if goes_on(path):
             path = self._straight(ask=STRAIGHT)
         self._looks = ALL_LOOKS
-        effort = ASKING
-        while path is None and not budget.is_spent() and not is_over():
+        effort, boxes = ASKING, itertools.cycle((self._problem.box, self._problem.near_box))
+        while goes_on(path):
+            self._draw_from(next(boxes))
             self._restart(trees)
-            trees.seed(chains)
+            # Asked for again, since the thread that makes it may not have been ready.
+            trees.seed(self.take(guidance()), self._passes)
             path = grow(self._mixture, ASK_ALL, effort)
             effort *= 2
         self._effort = max(trees.effort, LEAST_PATIENCE)
         self._looks = LOOKS
+        self._draw_from(self._problem.box)
         return path
+
+    def _draw_from(self, box: tuple[FloatArray, FloatArray]) -> None:
+        """Uniform samples come from this box from now on."""
+        self.space.box[:] = box
 
     def _straight(self, ask: int = 0) -> FloatArray | None:
         """An edge to one of the nearest goals.
@@ -235,9 +248,7 @@ class Worker:
         assert self._incumbent.path is not None
         if self._is_optimal():
             return
-        found_guidance = guidance()
-        self.take(found_guidance)
-        chains = [chain.configurations for chain in found_guidance.chains]
+        chains = self.take(guidance())
         trees = self._trees or RrtConnect(self._verdicts, self.space, self._problem.max_step, self._unsure)
         self._trees = trees
         self._star = star = RrtStar(self._verdicts, self.space, self._problem.max_step, unsure=self._unsure)

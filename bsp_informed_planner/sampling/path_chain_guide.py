@@ -11,6 +11,7 @@ from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.errors import ModelMismatchError
 from bsp_informed_planner.networks.problem_view import ProblemView, ViewOptions
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.chain_repair import ChainRepair, prepare_repair
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.path_proposals import PathProposals
@@ -25,28 +26,33 @@ CHAINS, GOALS = 8, 4
 
 
 class PathChainGuide:
-    """Proposes chains from the start to the nearest goals.
+    """Proposes chains from the start to the nearest goals, and pushes them out of obstacles.
 
     None of them is checked here: the planner puts what is free of them into its trees, which takes it less time than
     the question which chain is best. They need not be free as a whole to help.
 
     Args:
         setting: robot and scene.
-        model: of the kind "path_chains", for this robot.
+        model: of the kind "path_chains", for this robot. What one that sees no scene proposes is left as it is.
         chains: number of chains handed on, at least 1.
+        repair: whether chains are pushed out of obstacles.
 
     Raises:
         ModelMismatchError: if the model sees problems in another way than this version does.
     """
 
-    def __init__(self, setting: GuideSetting, model: PathProposals, chains: int = CHAINS) -> None:
+    def __init__(self, setting: GuideSetting, model: PathProposals, chains: int = CHAINS, repair: bool = True) -> None:
         self._setting = setting
         self._model = model
         self._chains = chains
         self._view = ProblemView(setting.robot, ViewOptions.from_json(model.card.encoding))
         if self._view.size != len(model.mean):
             raise ModelMismatchError(model.card.name, "length of a condition", len(model.mean), self._view.size)
+        self._repairs = repair and self._view.options.scene
+        if self._repairs:
+            prepare_repair(setting.robot)
         self._field: SignedDistance | None = None
+        self._repair: ChainRepair | None = None
 
     def guide(
         self,
@@ -58,6 +64,10 @@ class PathChainGuide:
         """See `Guide`."""
         begin = time.monotonic()
         paths = self.proposed(start, goals)
+        if self._repairs:
+            if self._repair is None:
+                self._repair = ChainRepair(self._setting.robot, self._setting.scene)
+            paths = self._repair.repaired(paths, checker, should_stop)
         chains = lifted(self._setting.robot, paths)
         return Guidance(SAMPLER_ID, chains, self.sampler(list(paths)), "", time.monotonic() - begin)
 

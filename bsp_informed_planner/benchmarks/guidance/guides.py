@@ -15,12 +15,14 @@ from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.errors import KeypointsUnavailableError, ModelUnavailableError
 from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.robots.demo_arms import ur5
-from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
+from bsp_informed_planner.sampling.chain_repair import ChainRepair
+from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance, KeypointGuideOptions
 from bsp_informed_planner.sampling.guide import EXACT, Guide, GuideSetting, make_guide
-from bsp_informed_planner.sampling.models import find_card
-from bsp_informed_planner.sampling.path_chain_guide import lifted
+from bsp_informed_planner.sampling.models import find_card, read_once
+from bsp_informed_planner.sampling.path_chain_guide import PathChainGuide, lifted
 from bsp_informed_planner.sampling.path_guide import path_guidance
-from bsp_informed_planner.sampling.path_proposals import KIND
+from bsp_informed_planner.sampling.path_proposals import KIND, PathProposals
+from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
@@ -33,8 +35,11 @@ TITLES = {
     "exact": "exact keypoints + Gaussian",
     "library": "path library",
     "learned": "network",
+    "unrepaired": "network, its chains not repaired",
     "wrong_scene": "network, shown another scene (control)",
     "no_scene": "network without scene (control)",
+    "no_scene_repaired": "network without scene, repaired",
+    "library_repaired": "path library, repaired",
     "random": "paths of the library at random (control)",
     "cvae": "CVAE on shortest paths",
     "gmm": "GMM with workspace decomposition",
@@ -90,11 +95,18 @@ def guides(
             found[name] = _asked(make_guide(sampler_id, own))
         except ModelUnavailableError:
             continue
+    repair = ChainRepair(robot(), problem.scene)
     if "library" in found:
         found["random"] = _at_random(found["library"], rng)
+        found["library_repaired"] = _repaired(found["library"], repair)
+    if "learned" in found:
+        path, _ = find_card(robot(), (KIND,), models)
+        network = read_once(PathProposals.load, path)
+        found["unrepaired"] = _asked(PathChainGuide(setting, network, repair=False))
     if controls is not None:
         find_card(robot(), (KIND,), controls)
         found["no_scene"] = _asked(make_guide("learned", replace(setting, models=controls)))
+        found["no_scene_repaired"] = _repaired(found["no_scene"], repair)
     return found
 
 
@@ -107,6 +119,20 @@ def _asked(guide: Guide) -> MakeGuidance:
             return guide.guide(start, goals, checker)
         except KeypointsUnavailableError as error:
             return Guidance("uniform", fallback_reason=error.reason, seconds=time.monotonic() - begin)
+
+    return ask
+
+
+def _repaired(make: MakeGuidance, repair: ChainRepair) -> MakeGuidance:
+    """The chains of a guide, pushed out of obstacles."""
+
+    def ask(start: FloatArray, goals: FloatArray, checker: CollisionChecker) -> Guidance:
+        begin = time.monotonic()
+        guidance = make(start, goals, checker)
+        paths = repair.repaired(np.array([chain.configurations for chain in guidance.chains]), checker)
+        sigma, limits = KeypointGuideOptions().tube_sigma(robot()), (robot().lower, robot().upper)
+        tube = tube_sampler(list(paths), sigma, *limits)
+        return Guidance("repaired", lifted(robot(), paths), tube, seconds=time.monotonic() - begin)
 
     return ask
 

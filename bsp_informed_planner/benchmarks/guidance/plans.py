@@ -24,7 +24,7 @@ AT_ONCE, HEDGED = "at_once", "hedged"
 
 def plans_part(quick: bool, models: str | None, controls: str | None) -> Part:
     """Problems as they come and hard ones."""
-    any_count, hard_count = (6, 4) if quick else (120, 100)
+    any_count, hard_count = (6, 4) if quick else (60, 60)
     cases: list[Parameters] = [
         {"stratum": stratum, "models": models, "controls": controls}
         for stratum in [""] * any_count + ["hard"] * hard_count

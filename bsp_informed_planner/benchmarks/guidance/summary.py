@@ -139,6 +139,10 @@ def _require(
             if beside in names:
                 value = ratio(own, "learned", beside, "at_once", rng)
                 section.require(RequiredNumber(f"hard: time / {TITLES[beside]}", value, "at most", limit))
+        for beside in ("unrepaired", "no_scene_repaired", "library_repaired"):
+            if beside in names:
+                value = ratio(own, "learned", beside, "at_once", rng)
+                section.require(RequiredNumber(f"hard: time / {TITLES[beside]}", value, "reported"))
         section.require(
             RequiredNumber(
                 "hard: time, shown the right scene / another one",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.benchmarks.benchmark import Benchmark, generator
+from bsp_informed_planner.benchmarks.planning.cancels import cancels_part
 from bsp_informed_planner.benchmarks.planning.certificates import certificates_part
 from bsp_informed_planner.benchmarks.planning.costs import costs_part
 from bsp_informed_planner.benchmarks.planning.first_paths import first_paths_part
@@ -42,7 +43,13 @@ def planning_benchmark(quick: bool) -> Benchmark:
             "what of it is owed to keypoints. Problems are random, from seeds that neither tests nor training use. "
             "One processor for each run."
         ),
-        parts=(first_paths_part(quick), threads_part(quick), costs_part(quick), certificates_part(quick)),
+        parts=(
+            first_paths_part(quick),
+            threads_part(quick),
+            cancels_part(quick),
+            costs_part(quick),
+            certificates_part(quick),
+        ),
         sources=(
             "scene", "decomposition", "robots", "collision", "sampling", "ompl_workers", "planning", "benchmarks",
         ),

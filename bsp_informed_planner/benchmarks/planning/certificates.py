@@ -15,7 +15,7 @@ from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
 from bsp_informed_planner.benchmarks.statistics import share
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.ompl_workers.request import OmplRequest
-from bsp_informed_planner.planning.search import sampling_bounds
+from bsp_informed_planner.planning.sampling_box import sampling_bounds
 from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.scene.pose import FloatArray
 

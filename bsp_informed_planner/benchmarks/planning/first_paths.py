@@ -123,15 +123,17 @@ def _explain(rows: Sequence[Row], by_group: Mapping[str, list[Row]], section: Se
     section.text(
         "A UR5 reaches into a level of a random shelf, from in front of it or from another level; the goal is a pose, "
         "of which all planners get the same configurations (branches and windings). A problem is hard if the median of "
-        f"{CLASSIFYING_RUNS} runs of RRT-Connect, with other seeds than those timed, takes more than {HARD_SAMPLES} "
-        f"samples: {hard} of {len(as_they_come)} as they came; timed, the median of RRT-Connect was here: "
+        f"{CLASSIFYING_RUNS} runs of plain RRT-Connect, with other seeds than those timed and samples from all "
+        f"postures, takes more than {HARD_SAMPLES} of these: {hard} of {len(as_they_come)} as they came; timed, the "
+        "median of our RRT-Connect, which begins with samples near start and goals, was here: "
         f"{', '.join(texts)}. {unsolved} of {len(rows)} problems, which nothing solved, are left out. Times are "
         "wall-clock times from the request to the first path that has passed the last check, on one processor; "
         "what happens once for each scene or process (loading and decomposing it, making checkers, compiling) is not "
         f"included; the decomposition took {_median_ms(rows, 'decomposition')} ms (median). "
         f"A method without a path after {LIMIT:g} s has failed: failures count in quantiles as "
         "infinite times, and `inf` means that too many failed. OMPL's planner searches on the same checker, bounds "
-        "first, and with the same longest step as ours, in a process of its own on the same processor."
+        "first, and with the same longest step as ours, in a process of its own on the same processor; its samples "
+        "come from all postures."
     )
 
 

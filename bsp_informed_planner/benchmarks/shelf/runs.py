@@ -28,7 +28,8 @@ from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import JointGoal, PlanOptions
 from bsp_informed_planner.planning.rrt_star import plan_rrt_star
-from bsp_informed_planner.planning.search import DEFAULT_STEP, sampling_bounds
+from bsp_informed_planner.planning.sampling_box import sampling_bounds
+from bsp_informed_planner.planning.search import DEFAULT_STEP
 from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.scene.pose import FloatArray
 
