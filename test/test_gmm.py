@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError, ModelError
+from bsp_informed_planner.networks.card import SHIPPED
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.sampling.gmm import GaussianMixture, GmmOptions, PrimitiveDatabase
 from bsp_informed_planner.sampling.guide import GuideSetting, make_guide
@@ -30,6 +32,7 @@ from bsp_informed_planner.scene.shapes import (
     Shape,
     Sphere,
 )
+from bsp_informed_planner.scene.shelf import random_shelf
 
 BOUNDS = WorkspaceBounds(-np.ones(3), np.ones(3))
 
@@ -72,14 +75,52 @@ def test_every_shape_has_a_box_but_planes() -> None:
 
 def test_distances_between_primitives() -> None:
     one = pair()
-    assert one.distances(0, one)[0] == pytest.approx(0.0, abs=1e-7)
-    assert one.distances(0, pair(shift=0.1))[0] == pytest.approx(0.75 * 0.1)
+    assert one.nearest_distances(one)[0] == pytest.approx(0.0, abs=1e-7)
+    assert one.nearest_distances(pair(shift=0.1))[0] == pytest.approx(0.75 * 0.1)
     # One of the two boxes is turned; half a turn is none.
-    assert one.distances(0, pair(turn=0.3))[0] == pytest.approx(0.25 * 0.15)
-    assert one.distances(0, pair(turn=np.pi))[0] == pytest.approx(0.0, abs=1e-6)
-    assert one.distances(0, pair(width=0.16))[0] == pytest.approx(0.75 * 0.02)
+    assert one.nearest_distances(pair(turn=0.3))[0] == pytest.approx(0.25 * 0.15)
+    assert one.nearest_distances(pair(turn=np.pi))[0] == pytest.approx(0.0, abs=1e-6)
+    assert one.nearest_distances(pair(width=0.16))[0] == pytest.approx(0.75 * 0.02)
     swapped = LocalPrimitives(one.centres[:, ::-1], one.halves[:, ::-1], one.rotations[:, ::-1])
-    assert one.distances(0, swapped)[0] == pytest.approx(0.0, abs=1e-7)
+    assert one.nearest_distances(swapped)[0] == pytest.approx(0.0, abs=1e-7)
+    assert np.isinf(one.nearest_distances(pair(shift=0.1), 0.07)[0])
+    nothing = one.selected(np.zeros(1, dtype=bool))
+    assert np.isinf(nothing.nearest_distances(one)[0])
+    assert not len(one.nearest_distances(nothing))
+
+
+def plain_distances(ours: LocalPrimitives, others: LocalPrimitives) -> np.ndarray:
+    """(p, q) between all primitives, by the definition."""
+    half_turns = np.array([np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))])
+    found = np.full((len(ours), len(others)), np.inf)
+    for order in ([0, 1], [1, 0]):
+        moved = np.linalg.norm(ours.centres[:, None] - others.centres[None, :, order], axis=3)
+        moved += np.linalg.norm(ours.halves[:, None] - others.halves[None, :, order], axis=3)
+        traces = np.einsum("pbij,qbik,skj->pqbs", ours.rotations, others.rotations[:, order], half_turns)
+        angles = np.arccos(np.clip(0.5 * (traces.max(axis=3) - 1.0), -1.0, 1.0))
+        found = np.minimum(found, 0.75 * moved.mean(axis=2) + 0.25 * angles.mean(axis=2))
+    return found
+
+
+def shelf_scene(seed: int) -> Scene:
+    return random_shelf(np.random.default_rng(seed)).scene
+
+
+def maze_scene(seed: int) -> Scene:
+    return random_maze(np.random.default_rng(seed)).scene
+
+
+@pytest.mark.parametrize(("model", "scene_of_seed"), [("shelf_gmm", shelf_scene), ("maze_gmm", maze_scene)])
+def test_retrieval_is_that_of_the_definition(model: str, scene_of_seed: Callable[[int], Scene]) -> None:
+    database = PrimitiveDatabase.load(SHIPPED / f"{model}.safetensors")
+    for seed in range(3):
+        primitives = LocalPrimitives.of(scene_of_seed(seed), database.options.reach)
+        plain = plain_distances(primitives, database.primitives).min(axis=0)
+        found = database.primitives_near(primitives)
+        near = np.flatnonzero(plain < database.options.radius)
+        assert set(found.tolist()) == set(near.tolist())
+        assert len(found) > 0
+        np.testing.assert_allclose(plain[found], np.sort(plain[near]), atol=1e-9)
 
 
 def test_waypoints_near_both_boxes() -> None:

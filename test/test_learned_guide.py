@@ -82,7 +82,7 @@ def load(models: Path, kind: str) -> Model:
 
 
 def test_chains_end_within_delta_of_the_target() -> None:
-    def halfway(currents: FloatArray) -> FloatArray:
+    def halfway(currents: FloatArray, numbers: np.ndarray) -> FloatArray:
         return 0.5 * (currents + np.array([1.0, 0.0]))
 
     chains = sequential_chains(halfway, np.zeros(2), np.array([1.0, 0.0]), 3, EstimationOptions(delta=0.1))
@@ -94,8 +94,11 @@ def test_chains_end_within_delta_of_the_target() -> None:
 def test_chains_of_different_lengths_and_one_that_never_arrives() -> None:
     steps = np.array([[0.5], [0.25], [-0.1]])
 
-    def move(currents: FloatArray) -> FloatArray:
-        return currents + steps
+    def move(currents: FloatArray, numbers: np.ndarray) -> FloatArray:
+        # Chains that have ended are not asked about again.
+        assert len(currents) == len(numbers)
+        assert (currents < 0.99).all()
+        return currents + steps[numbers]
 
     options = EstimationOptions(delta=0.01, max_keypoints=6)
     chains = sequential_chains(move, np.zeros(1), np.ones(1), 3, options)
@@ -105,7 +108,10 @@ def test_chains_of_different_lengths_and_one_that_never_arrives() -> None:
 
 
 def test_a_start_at_the_target_takes_no_network() -> None:
-    chains = sequential_chains(lambda currents: currents / 0, np.zeros(2), np.full(2, 0.01), 2, EstimationOptions())
+    def never(currents: FloatArray, numbers: np.ndarray) -> FloatArray:
+        raise AssertionError(currents)
+
+    chains = sequential_chains(never, np.zeros(2), np.full(2, 0.01), 2, EstimationOptions())
     assert all(reached and len(points) == 2 for points, reached in chains)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
 
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -99,6 +100,19 @@ def share(successes: int, trials: int) -> Estimate:
     # At the ends the interval ends there too, but for rounding.
     low = 0.0 if successes == 0 else max(middle - half, 0.0)
     return Estimate(p, low, 1.0 if successes == trials else min(middle + half, 1.0))
+
+
+def student(values: ArrayLike) -> Estimate:
+    """The mean of a few values, e.g. one a training run, with Student's interval.
+
+    Raises:
+        ValueError: without at least two values.
+    """
+    array = _vector(values)
+    if len(array) < 2:
+        raise ValueError("Student's interval takes at least 2 values")
+    half = stdtrit(len(array) - 1, 0.5 + 0.5 * CONFIDENCE) * array.std(ddof=1) / math.sqrt(len(array))
+    return Estimate(float(array.mean()), float(array.mean() - half), float(array.mean() + half))
 
 
 def growth_exponent(

@@ -99,6 +99,25 @@ def shelf(
 
 
 @app.command()
+def training(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of keypoint networks for mazes, see `train`.", exists=True, file_okay=False),
+    ],
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    workers: WorkersOption = 2,
+) -> None:
+    """Training runs side by side, with the shipped network: how much hangs on the data, how much on the seed."""
+    from bsp_informed_planner.benchmarks.training.benchmark import training_benchmark
+
+    words = " ".join(["benchmark training", *(folder.as_posix() for folder in folders)])
+    benchmark = training_benchmark(quick, folders)
+    measure(benchmark, words, seed, out or Path("out/benchmark-training"), quick=quick, workers=workers)
+
+
+@app.command()
 def service(quick: QuickOption = False, seed: SeedOption = 0, out: OutOption = None) -> None:
     """The nodes: cost of the `plan` service, time from a scene to a plan on it, many requests at once."""
     from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark

@@ -34,7 +34,7 @@ class GmmOptions:
     Attributes:
         reach: obstacles closer to each other than this are a primitive, and waypoints whose reference point is closer
             than this to both belong to it [m].
-        radius: of retrieval: primitives within this distance (`LocalPrimitives.distances`).
+        radius: of retrieval: primitives within this distance (`LocalPrimitives.nearest_distances`).
         sigma: standard deviation of the Gaussians [rad or m].
         largest: most waypoints that are retrieved; the nearest primitives first.
 
@@ -120,12 +120,14 @@ class PrimitiveDatabase:
         offsets = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
         return PrimitiveDatabase(LocalPrimitives(*columns), offsets, np.concatenate(waypoints), options)
 
+    def primitives_near(self, primitives: LocalPrimitives) -> np.ndarray:
+        """(k,) indices of the stored primitives within the radius of one of these, the nearest first."""
+        nearest = primitives.nearest_distances(self.primitives, self.options.radius)
+        return np.argsort(nearest, kind="stable")[: int(np.isfinite(nearest).sum())]
+
     def retrieve(self, primitives: LocalPrimitives) -> FloatArray:
         """(k, n) the waypoints of all stored primitives within the radius of one of these, each primitive's once."""
-        nearest = np.full(len(self.primitives), np.inf)
-        for number in range(len(primitives)):
-            nearest = np.minimum(nearest, primitives.distances(number, self.primitives))
-        found = np.argsort(nearest, kind="stable")[: int((nearest < self.options.radius).sum())]
+        found = self.primitives_near(primitives)
         counts = np.diff(self.offsets)[found]
         found = found[np.cumsum(counts) - counts < self.options.largest]
         rows = [self.waypoints[self.offsets[row] : self.offsets[row + 1]] for row in found]

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from bsp_informed_planner.errors import InvalidOptionError, ModelMismatchError
 from bsp_informed_planner.networks.encoding import StateFrame
@@ -95,7 +96,7 @@ class KeypointEstimator(Protocol):
 
 
 def sequential_chains(
-    next_keypoints: Callable[[FloatArray], FloatArray],
+    next_keypoints: Callable[[FloatArray, NDArray[np.int64]], FloatArray],
     start: FloatArray,
     target: FloatArray,
     count: int,
@@ -104,7 +105,8 @@ def sequential_chains(
     """The loop of Algorithm 3, for several chains at once.
 
     Args:
-        next_keypoints: the next keypoints of current ones, (k, n) each, in unit coordinates.
+        next_keypoints: the next keypoints of current ones, (k, n) each, in unit coordinates, of some chains, whose
+            numbers (k,) it is told.
         start, target: (n,) in unit coordinates.
         count: of chains.
         options: when a chain ends.
@@ -119,13 +121,15 @@ def sequential_chains(
     if np.linalg.norm(target - start) < options.delta:
         return [(np.stack((start, target)), True)] * count
     for step in range(1, options.max_keypoints + 1):
-        currents = next_keypoints(currents)
-        arrived = (ends < 0) & (np.linalg.norm(currents - target, axis=1) < options.delta)
-        ends[arrived] = step
-        currents = np.where((ends >= 0)[:, None], target, currents)
-        history.append(currents)
-        if (ends >= 0).all():
+        going = np.flatnonzero(ends < 0)
+        if not len(going):
             break
+        reached = next_keypoints(currents[going], going)
+        arrived = np.linalg.norm(reached - target, axis=1) < options.delta
+        ends[going[arrived]] = step
+        currents = np.broadcast_to(target, currents.shape).copy()
+        currents[going[~arrived]] = reached[~arrived]
+        history.append(currents)
     points = np.stack(history, axis=1)
     return [(points[k, : ends[k] + 1] if ends[k] >= 0 else points[k], bool(ends[k] >= 0)) for k in range(count)]
 
@@ -157,14 +161,13 @@ class HeatmapEstimator:
             fields = network(torch.from_numpy(view.values)[None], _tensor(unit_target)[None])
             places = network.keypoints(fields)[0].double().numpy()
 
-            def next_keypoints(currents: FloatArray) -> FloatArray:
+            def next_keypoints(currents: FloatArray, numbers: NDArray[np.int64]) -> FloatArray:
                 logits = network.logits(fields, _tensor(currents)[None])[0].double().numpy()
-                # The noise makes the largest a draw from the softmax (Gumbel); the first chain has none.
-                logits[1:] += options.temperature * rng.gumbel(size=logits[1:].shape)
                 # A keypoint where one is already makes no progress.
-                distances = np.linalg.norm(places[None] - currents[:, None], axis=2)
-                logits[distances < 1.0 / network.cells] = -np.inf
-                return np.asarray(places[logits.argmax(axis=1)])
+                along, across = (places[:, axis] - currents[:, axis, None] for axis in (0, 1))
+                logits[along**2 + across**2 < network.cells**-2.0] = -np.inf
+                drawn = _drawn(logits / options.temperature, rng)
+                return np.asarray(places[np.where(numbers == 0, logits.argmax(axis=1), drawn)])
 
             found = sequential_chains(next_keypoints, unit_start, unit_target, count, options)
         return [_chain(view.frame, points, start, target, reached) for points, reached in found]
@@ -199,7 +202,7 @@ class RegressionEstimator:
         unit_start, unit_target = view.frame.to_unit(start), view.frame.to_unit(target)
         scene, goal = torch.from_numpy(view.values.ravel())[None], _tensor(unit_target)[None]
 
-        def next_keypoints(currents: FloatArray) -> FloatArray:
+        def next_keypoints(currents: FloatArray, numbers: NDArray[np.int64]) -> FloatArray:
             return np.asarray(self._network(scene, _tensor(currents), goal).double().numpy())
 
         with torch.inference_mode():
@@ -222,6 +225,12 @@ def estimator_of(model: Model, options: EstimationOptions | None = None) -> Keyp
     if model.card.kind not in _ESTIMATORS:
         raise ModelMismatchError(model.card.name, "kind of model", model.card.kind, " or ".join(_ESTIMATORS))
     return _ESTIMATORS[model.card.kind](model, options)
+
+
+def _drawn(logits: FloatArray, rng: np.random.Generator) -> NDArray[np.int64]:
+    """(k,) an index for each row of (k, c), with the probabilities of its softmax."""
+    cumulated = np.exp(logits - logits.max(axis=1, keepdims=True)).cumsum(axis=1)
+    return np.asarray((cumulated <= rng.random((len(logits), 1)) * cumulated[:, -1:]).sum(axis=1))
 
 
 def _tensor(array: FloatArray) -> torch.Tensor:

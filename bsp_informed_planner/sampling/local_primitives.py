@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bsp_informed_planner.sampling.primitive_kernels import nearest_distances
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Scene
 from bsp_informed_planner.scene.shapes import (
@@ -21,9 +22,6 @@ from bsp_informed_planner.scene.shapes import (
     Sphere,
 )
 from bsp_informed_planner.scene.voxels import merged_boxes
-
-#: Turns of a box onto itself: none, and half a turn about each axis.
-_HALF_TURNS = np.array([np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,20 +60,26 @@ class LocalPrimitives:
     def __len__(self) -> int:
         return len(self.centres)
 
-    def distances(self, number: int, others: LocalPrimitives) -> FloatArray:
-        """(q,) 0.75 x translation + 0.25 x rotation from one of these primitives to others.
+    def nearest_distances(self, others: LocalPrimitives, most: float = np.inf) -> FloatArray:
+        """(q,) from each of other primitives to the nearest of these: 0.75 x translation + 0.25 x rotation.
 
         Translation is the mean, over both boxes, of how far their centres and their half edges differ [m]; rotation
         that of the angles between their axes, up to the symmetries of boxes [rad]; of both ways to pair the boxes, the
         nearer counts. The authors compare obstacles of one shape; half edges make obstacles of all sizes comparable.
+
+        Args:
+            others: q primitives.
+            most: what is not nearer than this is infinitely far.
         """
-        best = np.full(len(others), np.inf)
-        for order in ([0, 1], [1, 0]):
-            translation = np.linalg.norm(self.centres[number] - others.centres[:, order], axis=2)
-            translation += np.linalg.norm(self.halves[number] - others.halves[:, order], axis=2)
-            angles = _angles(self.rotations[number], others.rotations[:, order])
-            best = np.minimum(best, 0.75 * translation.mean(axis=1) + 0.25 * angles.mean(axis=1))
-        return best
+        distances = np.empty(len(others))
+        nearest_distances(*self._arrays, *others._arrays, float(most), distances)
+        return distances
+
+    @property
+    def _arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As the kernel takes them."""
+        contiguous = [np.ascontiguousarray(array) for array in (self.centres, self.halves, self.rotations)]
+        return contiguous[0], contiguous[1], contiguous[2]
 
     def near(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:
         """(p, m) which points (m, 3) [m] are closer than `reach` to both boxes of each primitive."""
@@ -86,12 +90,6 @@ class LocalPrimitives:
     def selected(self, chosen: NDArray[np.bool_]) -> LocalPrimitives:
         """Those where `chosen` (p,) is True."""
         return LocalPrimitives(self.centres[chosen], self.halves[chosen], self.rotations[chosen])
-
-
-def _angles(rotations: FloatArray, others: FloatArray) -> FloatArray:
-    """(q, 2) least angles between axes (2, 3, 3) and (q, 2, 3, 3), up to half turns [rad]."""
-    traces = np.einsum("bij,qbik,skj->qbs", rotations, others, _HALF_TURNS)
-    return np.asarray(np.arccos(np.clip(0.5 * (traces.max(axis=2) - 1.0), -1.0, 1.0)))
 
 
 def _boxes(shape: Shape, pose: Pose) -> list[tuple[FloatArray, FloatArray, FloatArray]]:

@@ -164,7 +164,7 @@ def _claims(where: str, runs: Mapping[str, Runs], section: Section, rng: np.rand
     section.table(["", "ours", "theirs", "intervals"], table)
     if missed:
         section.find(
-            f"{where}. Of {len(table)} claims {len(missed)} do not hold: {'; '.join(missed)}. {_fallbacks(runs)} "
+            f"{where}. {len(missed)} of {len(table)} claims not shown: {'; '.join(missed)}. {_fallbacks(runs)} "
             f"{_cause(runs, rng)}"
         )
     else:

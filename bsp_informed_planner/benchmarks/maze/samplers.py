@@ -91,7 +91,13 @@ def _guided(guide: Guide, world: MazeWorld) -> Made:
 
 
 def _learned(options: LearnedGuideOptions, world: MazeWorld, seed: int, models: str | None) -> Made:
-    keypoints, samplers = _model(KEYPOINT_KINDS, models), _model(SAMPLER_KINDS, models)
+    return learned(_model(KEYPOINT_KINDS, models), _model(SAMPLER_KINDS, models), options, world, seed, models)
+
+
+def learned(
+    keypoints: Model, samplers: Model, options: LearnedGuideOptions, world: MazeWorld, seed: int, models: str | None
+) -> Made:
+    """Samples between keypoints of a network (Algorithm 3)."""
     return _guided(LearnedGuide(world.setting(seed, models), keypoints, samplers, options), world)
 
 

@@ -59,8 +59,8 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         "samples, half of them uniform. *Samples to the first path* is the ratio of the means over all runs, a run "
         f"without a path counting {SAMPLES:,}; *long ways*: the same in the half of the mazes with the longer shortest "
         "paths; *slower*: mazes in which the mean is above uniform's. Costs are compared in mazes where both methods "
-        "have a path. Intervals are by bootstrap over mazes. Weights of one training run only: how much another would "
-        "change is not in them."
+        "have a path. Intervals are by bootstrap over mazes. Weights of one training run: `bsp-planner benchmark "
+        "training` says how much another would change."
     )
     section.table(
         [

@@ -12,6 +12,7 @@ from bsp_informed_planner.benchmarks.maze.world import ChainVerdict, MazeWorld
 from bsp_informed_planner.benchmarks.report import RequiredNumber, Section
 from bsp_informed_planner.benchmarks.statistics import Estimate, column, median, share
 from bsp_informed_planner.errors import ModelUnavailableError
+from bsp_informed_planner.networks.registry import Model
 from bsp_informed_planner.sampling.keypoint_estimation import SceneView, estimator_of
 from bsp_informed_planner.sampling.models import find_model
 
@@ -32,28 +33,42 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     """Judges the chains of all estimators in one maze."""
     world = MazeWorld.random(rng)
     row: dict[str, object] = {}
-    exact = world.judge(world.exact_chain, True)
-    _add(row, "exact", exact)
-    _add(row, "straight", world.judge(np.stack((world.start, world.goal)), True))
+    chains = {"exact": world.exact_chain, "straight": np.stack((world.start, world.goal))}
+    for name, chain in chains.items():
+        row.update({f"{name}_{key}": value for key, value in _described(world.judge(chain, True)).items()})
     for kind in NETWORKS:
         try:
             model = find_model(world.robot, (kind,), parameters["models"])
         except ModelUnavailableError:
             continue
-        begin = time.perf_counter()
-        view = SceneView.of(world.scene, model)
-        encoded = time.perf_counter()
-        chains = estimator_of(model).chains(view, world.start, world.goal, int(parameters["chains"]), rng)
-        row[f"{kind}_encoding_ms"] = 1e3 * (encoded - begin)
-        row[f"{kind}_chains_ms"] = 1e3 * (time.perf_counter() - encoded)
-        verdicts = [world.judge(chain.configurations, chain.reached) for chain in chains]
-        _add(row, kind, verdicts[0])
-        row[f"{kind}_of_all_usable"] = float(np.mean([verdict.usable for verdict in verdicts]))
-        for name in ("usable", "free"):
-            good = [verdict.length for verdict in verdicts if getattr(verdict, name)]
-            row[f"{kind}_best_{name}"] = bool(good)
-            row[f"{kind}_best_{name}_length"] = min(good) / exact.length if good else None
+        judged = judge_network(model, world, int(parameters["chains"]), rng)
+        row.update({f"{kind}_{key}": value for key, value in judged.items()})
     return row
+
+
+def judge_network(model: Model, world: MazeWorld, count: int, rng: np.random.Generator) -> dict[str, object]:
+    """What the chains of a keypoint network are worth in a maze.
+
+    Returns:
+        the verdict on the likeliest chain, by the names of its attributes; `best_usable` and `best_free`, whether any
+        of `count` chains is, with the length of the shortest such one relative to the exact chain's, or None; the
+        share of all that is usable; times.
+    """
+    begin = time.perf_counter()
+    view = SceneView.of(world.scene, model)
+    encoded = time.perf_counter()
+    chains = estimator_of(model).chains(view, world.start, world.goal, count, rng)
+    drawn = time.perf_counter()
+    verdicts = [world.judge(chain.configurations, chain.reached) for chain in chains]
+    found = _described(verdicts[0])
+    found["encoding_ms"], found["chains_ms"] = 1e3 * (encoded - begin), 1e3 * (drawn - encoded)
+    found["of_all_usable"] = float(np.mean([verdict.usable for verdict in verdicts]))
+    exact = world.judge(world.exact_chain, True).length
+    for name in ("usable", "free"):
+        good = [verdict.length for verdict in verdicts if getattr(verdict, name)]
+        found[f"best_{name}"] = bool(good)
+        found[f"best_{name}_length"] = min(good) / exact if good else None
+    return found
 
 
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
@@ -100,9 +115,9 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
             )
 
 
-def _add(row: dict[str, object], name: str, verdict: ChainVerdict) -> None:
-    for key in ("reached", "valid", "connected", "nearly", "usable", "free", "length", "keypoints"):
-        row[f"{name}_{key}"] = getattr(verdict, key)
+def _described(verdict: ChainVerdict) -> dict[str, object]:
+    names = ("reached", "valid", "connected", "nearly", "usable", "free", "length", "keypoints")
+    return {name: getattr(verdict, name) for name in names}
 
 
 def _share(rows: Sequence[Row], name: str) -> Estimate:

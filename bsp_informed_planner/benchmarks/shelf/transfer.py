@@ -18,7 +18,7 @@ def transfer_part(quick: bool, models: str | None) -> Part:
     """Problems as they come, of each family."""
     cases: list[Parameters] = [
         {"family": family, "models": models, "star_seconds": 1.2e-3 * SOON, "seconds": 1.2e-3 * SOON}
-        for _ in range(1 if quick else 6)
+        for _ in range(1 if quick else 30)
         for family in TRANSFER
     ]
     return Part("transfer", "Scenes of other kinds", cases, measure, summarise, Mode.PINNED)
