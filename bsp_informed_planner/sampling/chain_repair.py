@@ -19,11 +19,6 @@ from bsp_informed_planner.scene.scene import Scene
 NEARLY_OUT = 0.03
 
 
-def prepare_repair(robot: Robot) -> None:
-    """Make what repairs in all scenes need of a robot; else the first of them does."""
-    coarse_cover_of(bounds_of(robot))
-
-
 class ChainRepair:
     """Pushes chains of one robot out of the obstacles of one scene. For several threads.
 

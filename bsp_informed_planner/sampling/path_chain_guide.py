@@ -11,7 +11,7 @@ from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.errors import ModelMismatchError
 from bsp_informed_planner.networks.problem_view import ProblemView, ViewOptions
 from bsp_informed_planner.robots.robot import Robot
-from bsp_informed_planner.sampling.chain_repair import ChainRepair, prepare_repair
+from bsp_informed_planner.sampling.chain_repair import ChainRepair
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.path_proposals import PathProposals
@@ -39,6 +39,7 @@ class PathChainGuide:
 
     Raises:
         ModelMismatchError: if the model sees problems in another way than this version does.
+        InvalidObstacleError: if a shape of an obstacle has no volume.
     """
 
     def __init__(self, setting: GuideSetting, model: PathProposals, chains: int = CHAINS, repair: bool = True) -> None:
@@ -48,11 +49,8 @@ class PathChainGuide:
         self._view = ProblemView(setting.robot, ViewOptions.from_json(model.card.encoding))
         if self._view.size != len(model.mean):
             raise ModelMismatchError(model.card.name, "length of a condition", len(model.mean), self._view.size)
-        self._repairs = repair and self._view.options.scene
-        if self._repairs:
-            prepare_repair(setting.robot)
-        self._field: SignedDistance | None = None
-        self._repair: ChainRepair | None = None
+        self._field = SignedDistance(setting.scene)
+        self._repair = ChainRepair(setting.robot, setting.scene) if repair and self._view.options.scene else None
 
     def guide(
         self,
@@ -64,17 +62,13 @@ class PathChainGuide:
         """See `Guide`."""
         begin = time.monotonic()
         paths = self.proposed(start, goals)
-        if self._repairs:
-            if self._repair is None:
-                self._repair = ChainRepair(self._setting.robot, self._setting.scene)
+        if self._repair is not None:
             paths = self._repair.repaired(paths, checker, should_stop)
         chains = lifted(self._setting.robot, paths)
         return Guidance(SAMPLER_ID, chains, self.sampler(list(paths)), "", time.monotonic() - begin)
 
     def proposed(self, start: FloatArray, goals: FloatArray) -> FloatArray:
         """(k, m, n) chains from start (n,) to the nearest of the goals (g, n), the most promising ones first."""
-        if self._field is None:
-            self._field = SignedDistance(self._setting.scene)
         robot = self._setting.robot
         nearest = goals[np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")[:GOALS]]
         starts = np.repeat(start[None], len(nearest), axis=0)

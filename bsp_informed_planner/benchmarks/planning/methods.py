@@ -258,6 +258,7 @@ def methods() -> Mapping[str, Method]:
     own = {
         "keypoints": Method("ours, exact keypoints", _planner("anytime", "keypoint_tube")),
         "uniform": Method("ours, uniform", _planner("anytime")),
+        "learned": Method("ours, network", _planner("anytime", "learned")),
         "tube": Method("control: tube around an RRT-Connect path", tube_around_path),
         "restarts": Method("control: RRT-Connect restarts + shortcut", restarts),
     }
