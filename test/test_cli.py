@@ -48,7 +48,7 @@ def test_plan_prints_a_path(maze_file: Path) -> None:
 
 def test_plan_speaks_and_draws(maze_file: Path, tmp_path: Path) -> None:
     png = tmp_path / "path.png"
-    goal = ["--start", "0.1,0.1", "--goal-pose", "0.9,0.9,0,0,0,0", "--seconds", "1"]
+    goal = ["--start", "0.1,0.1", "--goal-pose", "0.9,0.9,0,0,0,0", "--seconds", "30", "--first"]
     result = runner.invoke(app, ["plan", str(maze_file), "--robot", "point", "--png", str(png), *goal])
     # Whether these two are free is up to the maze; either way it is said in a sentence.
     assert ("path of cost" in result.output) == (result.exit_code == 0)
