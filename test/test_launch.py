@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -29,7 +28,7 @@ class LaunchConfiguration:
 
 
 @pytest.fixture
-def description(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
+def description(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What the launch file describes: its arguments, and a function that makes the nodes."""
     contents: dict[str, dict[str, Any]] = {
         "launch": {"LaunchContext": dict, "LaunchDescription": list},
@@ -51,7 +50,7 @@ def description(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
     assert spec.loader is not None
     launch = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(launch)
-    yield launch.generate_launch_description()
+    return launch.generate_launch_description()
 
 
 def nodes_of(description: list[Any], **arguments: str) -> list[Any]:

@@ -76,7 +76,7 @@ def test_cancels_in_this_process() -> None:
     section = Section("cancels")
     cancels.summarise([row], section, RNG)
     assert "cancel of plan_motion, longest, one process" in lines(section)[1]
-    assert "required at most 50 ms" in lines(section)[1]
+    assert "(at most 50 ms)" in lines(section)[1]
 
 
 def test_figures_of_the_other_parts() -> None:

@@ -23,6 +23,9 @@ from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene
 
+#: Messages that are still read when the time to wait for one is over.
+LAST_MESSAGES = 20
+
 
 def _nanoseconds(stamp: Time) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
@@ -79,13 +82,16 @@ class SuiteClient:
             whether it holds.
         """
         end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                return False
+        while not condition() and time.monotonic() <= end:
             if alive is not None:
                 alive()
             self._executor.spin_once(timeout_sec=0.05)
-        return True
+        # Where this process itself was held up, what has come in time is still to be read.
+        for _ in range(LAST_MESSAGES):
+            if condition():
+                return True
+            self._executor.spin_once(timeout_sec=0.0)
+        return condition()
 
     def spin_for(self, seconds: float) -> None:
         """Let messages come for a time [s]."""
