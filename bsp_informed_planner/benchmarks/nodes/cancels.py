@@ -33,7 +33,7 @@ PATIENCE = 30.0
 
 def cancels_part(quick: bool) -> Part:
     """Delays from the cancel to the result of `plan_motion`."""
-    problems, repeats = (3, 8) if quick else (10, 20)
+    problems, repeats = (3, 6) if quick else (10, 10)
     cases: list[Parameters] = [{"where": where, "problems": problems, "repeats": repeats} for where in WHERE]
     return Part("cancels", "Cancels of `plan_motion`", cases, measure, summarise, Mode.ALONE)
 
