@@ -79,6 +79,7 @@ class PlannerNode(PlannerSuiteNode):
         self._joints = JointStateCache(self._settings.joint_state_max_age)
         self._failures = 0
         self._in_flight = 0
+        self._last_answer = 0.0
         self._records = FailureRecords(self._settings.save_problem_on_failure)
         self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
@@ -139,7 +140,7 @@ class PlannerNode(PlannerSuiteNode):
         while self._in_flight and time.monotonic() < end:
             time.sleep(0.01)
         # The last answer is sent right after its coroutine has ended, by a thread that may have to wait for a core.
-        time.sleep(SENDING_SECONDS)
+        time.sleep(max(self._last_answer + SENDING_SECONDS - time.monotonic(), 0.0))
 
     def diagnostic_values(self) -> dict[str, object]:
         return {
@@ -216,6 +217,7 @@ class PlannerNode(PlannerSuiteNode):
             )
         finally:
             self._in_flight -= 1
+            self._last_answer = time.monotonic()
 
     def _plan(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
