@@ -14,7 +14,7 @@ import pytest
 from experience_records import description, random_record, robot_identity
 
 from bsp_informed_planner.errors import DatasetError, DatasetMismatchError, InvalidOptionError
-from bsp_informed_planner.experience.dataset import Experience, load_all
+from bsp_informed_planner.experience.dataset import Experience
 from bsp_informed_planner.experience.description import DatasetDescription
 from bsp_informed_planner.experience.record import ProblemRecord
 from bsp_informed_planner.experience.seeds import SPLITS, Stage, generator, problem_seed, split_of
@@ -83,7 +83,7 @@ def test_columns_agree_with_records(folder: Path) -> None:
     assert experience.seeds.tolist() == [record.seed for record in records()]
     assert experience.removals.tolist() == [record.removals for record in records()]
     assert experience.paths.lengths().tolist() == [len(record.path) for record in records()]
-    assert np.array_equal(experience.paths.concatenated(), np.concatenate([record.path for record in records()]))
+    assert np.array_equal(np.concatenate([*experience.paths]), np.concatenate([record.path for record in records()]))
     costs = experience.path_costs
     assert np.isnan(costs[~experience.solved]).all()
     assert np.isfinite(costs[experience.solved]).all()
@@ -118,7 +118,7 @@ def test_an_empty_dataset_can_be_read(tmp_path: Path) -> None:
     experience = Experience.load(tmp_path, split="train", solved=True)
     assert len(experience) == 0
     assert experience.starts.shape == (0, DOF)
-    assert experience.paths.concatenated().shape == (0, DOF)
+    assert not [*experience.paths]
     assert list(experience.subpaths) == []
 
 
@@ -214,16 +214,12 @@ def test_a_dataset_of_another_collection_is_named(tmp_path: Path) -> None:
         read.require_same(replace(mine, seed=6), tmp_path)
 
 
-def test_datasets_of_different_robots_do_not_mix(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    other = tmp_path_factory.mktemp("other")
-    description(2).write(other)
-    assert len(load_all([folder, folder])) == 2
+def test_a_dataset_of_another_robot_is_refused(folder: Path) -> None:
+    experience = Experience.load(folder)
     with pytest.raises(DatasetMismatchError, match="joint_names of the robot"):
-        load_all([folder, other])
+        experience.require_robot(robot_identity(2))
     with pytest.raises(DatasetMismatchError, match="fingerprint"):
-        Experience.load(folder).require_robot(replace(robot_identity(DOF), fingerprint="other"))
-    with pytest.raises(DatasetError, match="no folder"):
-        load_all([])
+        experience.require_robot(replace(robot_identity(DOF), fingerprint="other"))
 
 
 def test_seeds_of_splits_never_meet() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+import rclpy
 from bsp_informed_planner_msgs.msg import KeypointGraph, PlanResponse
 from bsp_informed_planner_msgs.srv import EstimateKeypoints
 from rcl_interfaces.srv import ListParameters
@@ -30,10 +31,11 @@ from suite import (
     waypoints,
 )
 
+from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
-from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode
+from bsp_informed_planner.nodes.lifecycle import CANNOT_START, PlannerSuiteNode, run
 from bsp_informed_planner.nodes.planner_node import PlannerNode
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
@@ -241,3 +243,25 @@ def test_hostile_messages_do_not_end_nodes(suite: Suite) -> None:
         assert said in status.message
     client.publish_scene(gap_scene(0.8), PATIENCE)
     assert client.plan(point_request(scene_revision=client.revision), PATIENCE).error_code == ErrorCode.SUCCESS
+
+
+@pytest.mark.parametrize("is_told_to_end", [False, True])
+def test_a_process_that_is_told_to_end_while_it_is_set_up_ends_quietly(
+    is_told_to_end: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    class Node(PlannerSuiteNode):
+        def setup(self) -> None:
+            if is_told_to_end:
+                rclpy.shutdown()
+                self.create_publisher(PlanResponse, "late", 1)
+            raise InvalidOptionError("robot", "none", "one that there is")
+
+    def main() -> int:
+        try:
+            run(lambda: Node("ends"), [])
+        except SystemExit as end:
+            return int(str(end.code))
+        return 0
+
+    assert main() == (0 if is_told_to_end else CANNOT_START)
+    assert ("cannot" in capfd.readouterr().err) is not is_told_to_end

@@ -10,6 +10,7 @@ from suite import PATIENCE, Suite, gap_scene, running_suite
 
 from bsp_informed_planner.errors import PlanningCancelledError, PlanningFailedError, SceneUnavailableError
 from bsp_informed_planner.nodes.plan_function import plan_request, plan_through
+from bsp_informed_planner.nodes.planner_node import PlannerNode
 from bsp_informed_planner.planning.problem import JointGoal, PlanOptions, PoseGoal
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.scene.pose import Pose
@@ -46,9 +47,12 @@ def test_the_nodes_answer(point: Suite) -> None:
     assert len(answer.costs) == len(answer.cost_seconds) >= 1
     assert len(answer.keypoints) >= 1
     assert answer.cost > 0.8
-    # A plan that nobody wants any more, and one that there is not.
+    # A plan that nobody wants any more is over in the node, too.
     with pytest.raises(PlanningCancelledError):
-        plan(question(first_solution=False), lambda: True)
+        plan(question(first_solution=False, allowed_seconds=60.0), lambda: True)
+    node = next(node for node in point.nodes if isinstance(node, PlannerNode))
+    assert client.spin_until(lambda: node.diagnostic_values()["plans_in_flight"] == 0, PATIENCE)
+    # One on a scene that is not in force any more.
     client.publish_scene(gap_scene(0.2), PATIENCE)
     point.settle(client)
     with pytest.raises(PlanningFailedError, match=str(revision)):

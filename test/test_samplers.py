@@ -2,11 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from bsp_informed_planner.errors import InvalidOptionError
-from bsp_informed_planner.sampling.informed import InformedSampler, InformedUniformSampler, ProlateHyperspheroid
 from bsp_informed_planner.sampling.sampler import (
     ClippedSampler,
     MixtureSampler,
@@ -78,38 +75,3 @@ def test_clipped_sampler_moves_samples_onto_limits() -> None:
     samples = ClippedSampler(wide, LOWER, UPPER).sample(np.random.default_rng(0), 200)
     assert ((samples >= LOWER) & (samples <= UPPER)).all()
     assert (samples == UPPER).any()
-
-
-@given(
-    foci=st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6),
-    excess=st.floats(1e-3, 3.0),
-    seed=st.integers(0, 2**32 - 1),
-)
-def test_hyperspheroid_holds_what_it_draws(foci: list[float], excess: float, seed: int) -> None:
-    start, goal = np.array(foci[:3]), np.array(foci[3:])
-    cost = float(np.linalg.norm(goal - start)) + excess
-    subset = ProlateHyperspheroid(start, goal, cost)
-    samples = subset.sample(np.random.default_rng(seed), 100)
-    lengths = np.linalg.norm(samples - start, axis=1) + np.linalg.norm(samples - goal, axis=1)
-    assert (lengths <= cost * (1.0 + 1e-9)).all()
-
-
-def test_hyperspheroid_is_drawn_uniformly() -> None:
-    # Share of an ellipse on the far side of x = 0.5 a against the closed form of a circular segment.
-    subset = ProlateHyperspheroid(np.array([-1.0, 0.0]), np.array([1.0, 0.0]), 4.0)
-    samples = subset.sample(np.random.default_rng(0), 40_000)
-    share = (np.arccos(0.5) - 0.5 * np.sqrt(0.75)) / np.pi
-    assert (samples[:, 0] > 1.0).mean() == pytest.approx(share, abs=0.006)
-
-
-def test_informed_sampler_replaces_what_cannot_help() -> None:
-    start, goals = np.zeros(2), np.array([[1.0, 0.0], [0.0, 1.0]])
-    lower, upper = np.full(2, -0.3), np.full(2, 1.5)
-    subset = InformedUniformSampler(start, goals, 1.2, lower, upper)
-    samples = InformedSampler(UniformSampler(lower, upper), subset).sample(np.random.default_rng(0), 2000)
-    lengths = np.linalg.norm(samples, axis=1) + np.linalg.norm(samples[:, None] - goals, axis=2).T
-    assert (lengths.min(axis=0) <= 1.2 + 1e-9).all()
-    assert ((samples >= lower) & (samples <= upper)).all()
-    # Both goals are still served.
-    assert (samples[:, 0] > 0.7).any()
-    assert (samples[:, 1] > 0.7).any()

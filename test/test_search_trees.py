@@ -17,10 +17,9 @@ from bsp_informed_planner.planning.rrt_star import RrtStar, StarResult, plan_rrt
 from bsp_informed_planner.planning.sample_source import SampleSource
 from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
-from bsp_informed_planner.planning.subset_kernels import Space, draw_uniform
+from bsp_informed_planner.planning.subset_kernels import Space, Supply, draw, draw_uniform
 from bsp_informed_planner.planning.tree import add, grown, max_nodes, new_tree, path_to_root
 from bsp_informed_planner.planning.tree_kernels import set_parent
-from bsp_informed_planner.sampling.informed import ProlateHyperspheroid
 from bsp_informed_planner.sampling.sampler import UniformSampler
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -60,8 +59,8 @@ def assert_free(path: FloatArray, balls: Balls, start: FloatArray, goals: FloatA
 def test_tree_costs_are_path_lengths_after_rewiring(entries: list[tuple[float, float, int]]) -> None:
     weights = np.array([1.0, 2.0])
     tree = new_tree(64, 2)
-    for number, (x, y, draw) in enumerate([(0.0, 0.0, 0), *entries]):
-        add(tree, np.array([[x, y]]), np.array([draw % number if number else -1]), np.zeros(1, np.bool_), weights)
+    for number, (x, y, parent) in enumerate([(0.0, 0.0, 0), *entries]):
+        add(tree, np.array([[x, y]]), np.array([parent % number if number else -1]), np.zeros(1, np.bool_), weights)
     for node in range(1, int(tree.size[0])):
         for parent in range(int(tree.size[0])):
             through = tree.costs[parent] + np.linalg.norm((tree.nodes[node] - tree.nodes[parent]) * weights)
@@ -109,11 +108,15 @@ def test_uniform_samples_of_the_informed_subset_lie_in_it(seed: int, stretch: fl
     start, goal = rng.uniform(size=(2, 3))
     space = new_space(start, goal, np.full(3, -3.0), np.full(3, 4.0), rng)
     space.bound[0] = stretch * np.linalg.norm(goal - start)
-    subset = ProlateHyperspheroid(start, goal, float(space.bound[0]) * (1.0 + 1e-9))
     sample = np.empty(3)
     for _ in range(20):
         draw_uniform(space, sample)
-        assert subset.contains(sample)
+        assert length_through(sample, start, goal) <= space.bound[0] * (1.0 + 1e-9)
+
+
+def length_through(states: np.ndarray, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Of the shortest paths from start to goal through states (..., n), without obstacles."""
+    return np.linalg.norm(states - start, axis=-1) + np.linalg.norm(states - goal, axis=-1)
 
 
 def test_informed_samples_are_spread_evenly() -> None:
@@ -124,9 +127,25 @@ def test_informed_samples_are_spread_evenly() -> None:
     for row in drawn:
         draw_uniform(space, row)
     box = np.random.default_rng(1).uniform(size=(200_000, 2))
-    inside = box[ProlateHyperspheroid(space.ends[0], space.ends[1], 0.6).contains(box)]
+    inside = box[length_through(box, space.ends[0], space.ends[1]) <= 0.6]
     assert np.allclose(drawn.mean(axis=0), inside.mean(axis=0), atol=0.005)
     assert np.allclose(np.cov(drawn.T), np.cov(inside.T), atol=0.001)
+
+
+def test_informed_samples_serve_all_goals_and_replace_what_cannot_help() -> None:
+    goals = np.array([[0.9, 0.1], [0.1, 0.9]])
+    space = new_space(np.array([0.1, 0.1]), goals, LOWER, UPPER, np.random.default_rng(0))
+    space.bound[0] = 0.9
+    useless = np.full((2000, 2), 0.95)
+    supply = Supply(useless, np.zeros(1, dtype=np.int64), 0.5)
+    drawn = np.empty((2000, 2))
+    for row in drawn:
+        draw(space, supply, row)
+    assert supply.used[0] == pytest.approx(1000, abs=150)
+    lengths = np.min([length_through(drawn, space.ends[0], goal) for goal in goals], axis=0)
+    assert (lengths <= 0.9 + 1e-9).all()
+    assert (drawn[:, 0] > 0.6).any()
+    assert (drawn[:, 1] > 0.6).any()
 
 
 # --- RRT-Connect ---

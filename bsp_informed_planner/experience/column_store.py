@@ -64,10 +64,6 @@ class Arrays:
         lengths = np.concatenate([np.zeros(0, np.int64), *every]).astype(np.int64) // self._width
         return lengths if self._rows is None else lengths[self._rows]
 
-    def concatenated(self) -> FloatArray:
-        """(sum of m_i, width) all arrays one after another: a copy."""
-        return np.concatenate([np.zeros((0, self._width)), *self])
-
 
 class NestedArrays:
     """Tuples of arrays (m_ij, width), in the memory of their shards."""

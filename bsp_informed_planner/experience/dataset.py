@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bsp_informed_planner.errors import DatasetError, DatasetMismatchError, InvalidOptionError
+from bsp_informed_planner.errors import DatasetMismatchError, InvalidOptionError
 from bsp_informed_planner.experience.column_store import Arrays, ColumnStore, NestedArrays
 from bsp_informed_planner.experience.description import DatasetDescription, RobotIdentity
 from bsp_informed_planner.experience.record import ProblemRecord
@@ -237,18 +237,3 @@ class Experience:
     def subpaths(self) -> NestedArrays:
         """(count) tuples of the paths (m_i, n) between neighbouring keypoints."""
         return self._store.nested("subpaths").subset(self._rows)
-
-
-def load_all(folders: Sequence[str | Path], **selection: object) -> list[Experience]:
-    """Several datasets of one robot; keyword arguments as for `Experience.load`.
-
-    Raises:
-        DatasetMismatchError: if they are of different robots.
-        DatasetError: without folders; else as `Experience.load`.
-    """
-    if not folders:
-        raise DatasetError("datasets", "no folder was given")
-    loaded = [Experience.load(folder, **selection) for folder in folders]  # type: ignore[arg-type]
-    for experience in loaded[1:]:
-        experience.require_robot(loaded[0].description.robot)
-    return loaded

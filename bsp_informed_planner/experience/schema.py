@@ -54,7 +54,6 @@ ROW_WIDTHS: dict[str, int | str] = {
     "crossings": "n",
     "crossings_workspace": 3,
 }
-STRINGS = ("split", "family", "stratum", "scene", "failure")
 
 _DOUBLES = pa.list_(pa.float64())
 _SCHEMA = pa.schema(

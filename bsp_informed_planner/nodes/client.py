@@ -6,10 +6,12 @@ import math
 import time
 from collections.abc import Callable
 
+from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, PlanRequest, PlanResponse, SceneStatus
 from bsp_informed_planner_msgs.srv import Plan
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -31,6 +33,12 @@ def _nanoseconds(stamp: Time) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
+def _planning_seconds(request: PlanRequest) -> float:
+    """How long a plan may take [s]. A time that is nonsense is refused at once."""
+    seconds = float(request.allowed_planning_time)
+    return seconds if 0.0 < seconds < math.inf else 0.0
+
+
 class SuiteUnavailableError(BspPlannerError):
     """The nodes are not there, or do not answer; the text says what was waited for."""
 
@@ -50,6 +58,7 @@ class SuiteClient:
         self._executor.add_node(node)
         self._publisher = node.create_publisher(ObstacleScene, "obstacle_scene", LATCHED)
         self._plan = node.create_client(Plan, "plan")
+        self._plan_motion = ActionClient(node, PlanMotion, "plan_motion")
         self._status: SceneStatus | None = None
         self._statuses = 0
         self.keypoint_graph: KeypointGraph | None = None
@@ -60,6 +69,7 @@ class SuiteClient:
 
     def close(self) -> None:
         """Leave the node to its owner."""
+        self._plan_motion.destroy()
         self._executor.remove_node(self._node)
         self._executor.shutdown()
 
@@ -215,11 +225,40 @@ class SuiteClient:
             if not behind or time.monotonic() >= end:
                 return response
 
+    def plan_motion(self, request: PlanRequest, seconds: float, cancelled: Callable[[], bool]) -> PlanResponse:
+        """Call the action `plan_motion`, which can be cancelled: the answer is then `ErrorCode.PREEMPTED`.
+
+        Args:
+            request: what to plan.
+            seconds: longest wait for the answer, beyond the time that planning itself may take [s].
+            cancelled: called now and then; True cancels.
+
+        Raises:
+            SuiteUnavailableError: if no answer came.
+        """
+        end = time.monotonic() + seconds + _planning_seconds(request)
+
+        def wait(condition: Callable[[], bool]) -> None:
+            if not self.spin_until(condition, end - time.monotonic()):
+                raise SuiteUnavailableError("action plan_motion did not answer")
+
+        wait(self._plan_motion.server_is_ready)
+        accepted = self._plan_motion.send_goal_async(PlanMotion.Goal(request=request))
+        wait(accepted.done)
+        goal = accepted.result()
+        if not goal.accepted:
+            raise SuiteUnavailableError("action plan_motion took no goal: the planner node is not active")
+        outcome = goal.get_result_async()
+        wait(lambda: outcome.done() or cancelled())
+        if not outcome.done():
+            goal.cancel_goal_async()
+            wait(outcome.done)
+        response: PlanResponse = outcome.result().result.response
+        return response
+
     def _plan_once(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None) -> PlanResponse:
         future = self._plan.call_async(Plan.Request(request=request))
-        # A time that is nonsense is refused at once.
-        planning = request.allowed_planning_time if 0.0 < request.allowed_planning_time < math.inf else 0.0
-        if not self.spin_until(future.done, seconds + planning, alive):
+        if not self.spin_until(future.done, seconds + _planning_seconds(request), alive):
             self._plan.remove_pending_request(future)
             raise SuiteUnavailableError(f"service {self._plan.srv_name} did not answer")
         return future.result().response

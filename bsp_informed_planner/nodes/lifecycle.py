@@ -110,7 +110,9 @@ class PlannerSuiteNode(LifecycleNode):
             ensure_compiled()
             self.setup()
         except Exception as error:
-            self.note_error(f"cannot configure: {error}")
+            # Of a process that was told to end meanwhile, nothing can be set up, and nobody asks why.
+            if self.context.ok():
+                self.note_error(f"cannot configure: {error}")
             if not isinstance(error, BspPlannerError):
                 logger.debug("while configuring", exc_info=error)
             self._resources.close()
@@ -226,7 +228,7 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         node = create()
         handler = RosLogHandler(node)
         library.addHandler(handler)
-        started = node.autostart()
+        started = node.autostart() or not rclpy.ok()
         if started:
             # Callbacks must not wait for the interpreter while plans run in Python.
             sys.setswitchinterval(SWITCH_SECONDS)
@@ -236,8 +238,9 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (rclpy_implementation.RCLError, ParameterException) as error:
-        started = False
-        sys.stderr.write(f"cannot start: {error}\n")
+        started = not rclpy.ok()
+        if not started:
+            sys.stderr.write(f"cannot start: {error}\n")
     finally:
         if handler is not None:
             library.removeHandler(handler)

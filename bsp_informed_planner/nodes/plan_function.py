@@ -22,7 +22,7 @@ PATIENCE = 10.0
 
 
 def plan_through(client: SuiteClient, robot: Robot, revision: int) -> PlanFunction:
-    """Plans by calling `plan`. For one thread at a time.
+    """Plans by calling `plan_motion`. For one thread at a time.
 
     Args:
         client: talks to the nodes.
@@ -31,11 +31,9 @@ def plan_through(client: SuiteClient, robot: Robot, revision: int) -> PlanFuncti
     """
 
     def plan(question: PlanQuestion, cancelled: Callable[[], bool]) -> PlanAnswer:
-        def alive() -> None:
-            if cancelled():
-                raise PlanningCancelledError
-
-        response = client.plan(plan_request(question, robot, revision), PATIENCE, alive)
+        response = client.plan_motion(plan_request(question, robot, revision), PATIENCE, cancelled)
+        if response.error_code == ErrorCode.PREEMPTED:
+            raise PlanningCancelledError
         if response.error_code != ErrorCode.SUCCESS:
             raise PlanningFailedError(response.message)
         points = response.trajectory.points
