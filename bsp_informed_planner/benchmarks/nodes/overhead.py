@@ -97,9 +97,10 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
 def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -> None:
     """A table and the two limits."""
     section.text(
-        "Random shelf problems of a UR5 that the library solves, first verified path. Service and library take turns on the same problem with "
-        "the same seed, both finding keypoints themselves, so they do the same work; the difference is what messages, "
-        "queue and executor cost. In one process the nodes share the interpreter with their client."
+        "Random shelf problems of a UR5 that the library solves, first verified path. Service and library take turns "
+        "on the same problem with the same seed, both finding keypoints themselves, so they do the same work; the "
+        "difference is what messages, queue and executor cost. In one process the nodes share the interpreter with "
+        "their client."
     )
     table: list[list[Any]] = []
     for row in rows:
