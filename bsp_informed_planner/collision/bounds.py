@@ -6,9 +6,9 @@ import logging
 import math
 import threading
 import time
-from collections import OrderedDict
+from collections import deque
 from collections.abc import Callable, Sequence
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from weakref import ReferenceType, WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -200,11 +200,13 @@ class CollisionBounds:
         )
 
 
-# Robots whose bounds are kept in memory, those used last: a robot that holds something is another one each time.
-_MOST_KNOWN = 32
+# Robots whose bounds are kept in memory though nobody uses them at the moment. Those of a robot that holds something
+# live as long as a planner has them: it is another robot each time, and its bounds may take megabytes.
+_MOST_KEPT = 8
 # All of these are looked at under `_guard`, which nobody holds for long. Covers of one key are built once at a time.
 _guard = threading.Lock()
-_known: OrderedDict[Robot, CollisionBounds] = OrderedDict()
+_known: WeakKeyDictionary[Robot, ReferenceType[CollisionBounds]] = WeakKeyDictionary()
+_kept: deque[CollisionBounds] = deque(maxlen=_MOST_KEPT)
 _keys: WeakKeyDictionary[Robot, str] = WeakKeyDictionary()
 _building: WeakValueDictionary[str, threading.Lock] = WeakValueDictionary()
 
@@ -237,9 +239,7 @@ def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds
 def bounds_at_hand(robot: Robot) -> CollisionBounds | None:
     """The bounds of a robot, made before or from a file; None if they have to be built. Takes a tenth of a second."""
     with _guard:
-        bounds = _known.get(robot)
-        if bounds is not None:
-            _known.move_to_end(robot)
+        bounds = _still_known(robot)
     if bounds is None:
         covers = load_covers(_key_of(robot))
         if covers is not None:
@@ -260,10 +260,18 @@ def _key_of(robot: Robot) -> str:
 def _remember(robot: Robot, covers: RobotCovers) -> CollisionBounds:
     bounds = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
     with _guard:
-        bounds = _known.setdefault(robot, bounds)
-        while len(_known) > _MOST_KNOWN:
-            _known.popitem(last=False)
+        known = _still_known(robot)
+        if known is not None:
+            return known
+        _known[robot] = ReferenceType(bounds)
+        if not isinstance(robot, HoldingRobot):
+            _kept.append(bounds)
         return bounds
+
+
+def _still_known(robot: Robot) -> CollisionBounds | None:
+    reference = _known.get(robot)
+    return None if reference is None else reference()
 
 
 def _built_covers(robot: Robot, key: str, progress: Progress | None) -> RobotCovers:
