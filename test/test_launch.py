@@ -16,7 +16,9 @@ from bsp_informed_planner.nodes.inference_node import InferenceParameters
 from bsp_informed_planner.nodes.planner_parameters import PlannerParameters
 
 FILE = Path(__file__).parent.parent / "launch" / "bsp_planner.launch.py"
-KINDS = dict(zip(NODE_NAMES, (DecompositionParameters, InferenceParameters, PlannerParameters), strict=True))
+KINDS: dict[str, Any] = dict(
+    zip(NODE_NAMES, (DecompositionParameters, InferenceParameters, PlannerParameters), strict=True)
+)
 
 
 class LaunchConfiguration:
