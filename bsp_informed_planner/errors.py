@@ -157,6 +157,22 @@ class RobotDescriptionError(RobotError):
     """A URDF or SRDF cannot be read, or a mesh of it is missing."""
 
 
+class RobotNotReadyError(RobotError):
+    """The collision bounds of a robot are still being built, which is done once for each description.
+
+    Attributes:
+        robot: its name.
+        share: of the work that is done, in [0, 1].
+    """
+
+    def __init__(self, robot: str, share: float) -> None:
+        self.robot = robot
+        self.share = share
+        super().__init__(
+            f"the collision bounds of robot '{robot}' are being built, {100.0 * share:.0f} % are done; ask again soon"
+        )
+
+
 class UnsupportedJointError(RobotError):
     """A joint of a kind that cannot be planned for.
 

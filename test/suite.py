@@ -158,7 +158,7 @@ def until(condition: Callable[[], bool], otherwise: str = "it has not come", sec
 
 def spin_until(client: SuiteClient, condition: Callable[[], bool], otherwise: str = "it has not come") -> None:
     """Wait for what a client hears."""
-    assert client._spin_until(condition, PATIENCE), otherwise
+    assert client.spin_until(condition, PATIENCE), otherwise
 
 
 def status_of(client: SuiteClient, message: ObstacleScene) -> SceneStatus:

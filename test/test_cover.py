@@ -6,11 +6,17 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
-from bsp_informed_planner.collision.solid_kernels import ray_winding, solid_angle_winding, winding_bounds
+from bsp_informed_planner.collision.solid_kernels import (
+    is_outermost,
+    ray_winding,
+    solid_angle_winding,
+    winding_bounds,
+)
 from bsp_informed_planner.collision.solids import Body, Solid, body_of
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.scene.pose import FloatArray
@@ -38,6 +44,22 @@ def mesh(triangles: FloatArray) -> coal.CollisionGeometry:
 
 def leaves(cover: Cover) -> FloatArray:
     return cover.outer[cover.ends == np.arange(len(cover.ends)) + 1]
+
+
+def outermost_one_by_one(triangles: FloatArray, offset: float) -> np.ndarray:
+    """As `is_outermost`, with every triangle looked at for every point."""
+    found = []
+    for a, b, c in triangles:
+        normal = np.cross(b - a, c - a)
+        normal /= np.linalg.norm(normal)
+        windings = []
+        for place, share in ((a, 0.9), (b, 0.9), (c, 0.9), (a, 0.0)):
+            for shift in (-offset, offset):
+                point = (1.0 - share) * (a + b + c) / 3.0 + share * place + shift * normal
+                winding = ray_winding(point, triangles)
+                windings.append(solid_angle_winding(point, triangles) if winding < 0.0 else winding)
+        found.append(min(windings) < 0.5)
+    return np.array(found)
 
 
 def in_balls(points: FloatArray, balls: FloatArray) -> np.ndarray:
@@ -214,3 +236,18 @@ def test_a_link_of_an_arm() -> None:
     inner = cover.inner
     assert len(inner) > 5
     assert not in_balls(points[~inside], inner).any()
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.floats(0.2, 0.95))
+def test_triangles_between_inside_and_outside_are_found(seed: int, dropped: int, inner: float) -> None:
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    shell = np.asarray(ball.triangles)
+    # A ball in a ball: what winds twice is no border. Some triangles are missing, some boxes lie across.
+    parts = [shell[rng.permutation(len(shell))[dropped:]], inner * shell]
+    for _ in range(3):
+        box = np.asarray(trimesh.creation.box(rng.uniform(0.1, 2.0, 3)).triangles)
+        parts.append(box + rng.uniform(-1.0, 1.0, 3))
+    triangles = np.ascontiguousarray(np.concatenate(parts))
+    np.testing.assert_array_equal(is_outermost(triangles, 1e-5), outermost_one_by_one(triangles, 1e-5))

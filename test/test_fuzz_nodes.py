@@ -1,7 +1,11 @@
-"""Malformed requests, scenes and descriptions: each is answered with a code that names a reason, none is a crash."""
+"""Malformed requests, scenes and descriptions: each is answered with a code that names a reason, none is a crash.
+
+Some hundred cases, or as many as the environment asks for: `FUZZ_CASES=10000 pytest test/test_fuzz_nodes.py`.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -22,6 +26,8 @@ from bsp_informed_planner.nodes.scene_keeper import SceneKeeper
 from bsp_informed_planner.nodes.size_limits import SizeLimits
 from bsp_informed_planner.robots.arm import load_arm
 
+#: Of each kind: requests, scenes, clouds, descriptions.
+CASES = int(os.environ.get("FUZZ_CASES", "600")) // 4
 BOUNDS = gap_scene(0.5).bounds
 URDF = """<robot name="slider"><link name="world"/><link name="beam"/>
 <joint name="x" type="prismatic"><origin xyz="0 0 0.1" rpy="0 0 0"/><parent link="world"/><child link="beam"/>
@@ -57,7 +63,7 @@ def test_requests(suite: Suite) -> None:
     assert isinstance(planner, PlannerNode)
     rng = np.random.default_rng(0)
     codes = set()
-    for _ in range(150):
+    for _ in range(CASES):
         request = random_request(rng)
         request.allowed_planning_time = min(request.allowed_planning_time, 0.05)
         response = planner._plan(request, lambda: False, None)
@@ -147,7 +153,7 @@ def scenes(draw: st.DrawFn) -> ObstacleScene:
     return message
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=CASES, deadline=None)
 @given(st.lists(scenes(), min_size=1, max_size=3))
 def test_scenes(messages: list[ObstacleScene]) -> None:
     keeper = SceneKeeper("world", BOUNDS, "points")
@@ -163,7 +169,7 @@ def test_scenes(messages: list[ObstacleScene]) -> None:
             assert again.allowed_collisions == keeper.scene.allowed_collisions
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=CASES, deadline=None)
 @given(clouds())
 def test_points(message: PointCloud2) -> None:
     keeper = SceneKeeper("world", BOUNDS, "points")
@@ -171,7 +177,7 @@ def test_points(message: PointCloud2) -> None:
         assert keeper.scene is None
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=CASES, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, len(URDF)), st.integers(0, 12), st.text(max_size=6)), min_size=1, max_size=4))
 @example([(0, 0, "a\x00")])
 @example([(5, 0, "\ud800")])

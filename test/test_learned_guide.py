@@ -43,7 +43,7 @@ from bsp_informed_planner.sampling.keypoint_estimation import (
 )
 from bsp_informed_planner.sampling.learned_guide import LearnedGuide, LearnedGuideOptions, best_free_chain
 from bsp_informed_planner.sampling.models import find_model, require_sound_models
-from bsp_informed_planner.sampling.scene_guides import SceneGuides, load_models
+from bsp_informed_planner.sampling.scene_guides import SceneGuides, load_guide
 from bsp_informed_planner.scene.maze import MazeProblem, random_maze
 from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene
@@ -319,9 +319,9 @@ def test_without_a_model_and_without_keypoints_samples_are_uniform(maze: MazePro
 def test_guides_are_made_once_for_a_scene(models: Path, maze: MazeProblem) -> None:
     guides = SceneGuides(setting_of(maze, models))
     assert guides.get("learned") is guides.get("learned")
-    reasons = load_models(PointRobot(), str(models))
-    assert reasons[0] == f"gmm: no model of kind gmm for robot 'point' in {models}"
-    assert [reason.split(":")[0] for reason in reasons] == ["gmm", "path_library"]
+    reasons = {name: load_guide(name, PointRobot(), str(models)) for name in GUIDES}
+    assert reasons["gmm"] == f"gmm: no model of kind gmm for robot 'point' in {models}"
+    assert [name for name, reason in reasons.items() if reason] == ["gmm", "path_library"]
 
 
 def test_what_is_damaged_is_named_before_it_is_used(models: Path, tmp_path: Path) -> None:

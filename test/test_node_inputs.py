@@ -148,7 +148,7 @@ def publish_points(suite: Suite, client: SuiteClient, publisher: Publisher, clou
     while not is_answered():
         assert time.monotonic() < end
         publisher.publish(cloud)
-        client._spin_until(is_answered, 2.0)
+        client.spin_until(is_answered, 2.0)
     suite.settle(client)
 
 

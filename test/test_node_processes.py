@@ -167,7 +167,7 @@ def test_cancels_at_random_moments(processes: Processes) -> None:
         # Most are in time, however late they are heard; some are too late, and then there is a path.
         allowed = 0.4 if index % 4 == 3 else PATIENCE
         goal = start_motion(client, action, point_request(first_solution=False, allowed_planning_time=allowed))
-        client._spin_until(lambda: False, rng.uniform(0.0, 0.5))
+        client.spin_until(lambda: False, rng.uniform(0.0, 0.5))
         goal.cancel_goal_async()
         codes.append(outcome_of(client, goal).error_code)
     assert set(codes) <= {ErrorCode.PREEMPTED, ErrorCode.SUCCESS}

@@ -112,7 +112,7 @@ def test_cancels_are_heard_soon(suite: Suite) -> None:
     rng = np.random.default_rng(0)
     for _ in range(8):
         goal = start_motion(client, action, point_request(allowed_planning_time=LONG))
-        client._spin_until(lambda: False, rng.uniform(0.0, 0.3))
+        client.spin_until(lambda: False, rng.uniform(0.0, 0.3))
         # How soon in milliseconds is measured by `bsp-planner benchmark service`: here others use the machine.
         begin = time.monotonic()
         goal.cancel_goal_async()

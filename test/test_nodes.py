@@ -412,7 +412,7 @@ def test_plan_motion_gives_feedback_and_is_cancelled(point: Suite) -> None:
     client.publish_scene(gap_scene(0.8, gap=-0.1), PATIENCE)
     request = point_request(allowed_planning_time=LONG, scene_revision=client.revision)
     goal = start_motion(client, action, request)
-    client._spin_until(lambda: False, 0.3)
+    client.spin_until(lambda: False, 0.3)
     begin = time.monotonic()
     goal.cancel_goal_async()
     assert outcome_of(client, goal).error_code == ErrorCode.PREEMPTED

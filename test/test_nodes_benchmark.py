@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bsp_informed_planner.benchmarks.nodes import overhead, soak, stress, updates
+from bsp_informed_planner.benchmarks.nodes import cancels, overhead, soak, stress, updates
 from bsp_informed_planner.benchmarks.nodes.benchmark import nodes_benchmark
 from bsp_informed_planner.benchmarks.nodes.random_requests import gap_message, good_request, random_request
 from bsp_informed_planner.benchmarks.report import Section
 from bsp_informed_planner.errors import SceneError
+from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.plan_conversions import options_from_msg, problem_from_msg
 from bsp_informed_planner.nodes.scene_keeper import SceneKeeper
 from bsp_informed_planner.nodes.size_limits import SizeLimits
@@ -67,6 +68,17 @@ def test_updates_in_this_process() -> None:
     assert "scene of 20 boxes to first plan, one process" in lines(section)[0]
 
 
+def test_cancels_in_this_process() -> None:
+    row = cancels.measure({"where": "one process", "problems": 1, "repeats": 3}, np.random.default_rng(5))
+    assert len(row["seconds"]) == len(row["codes"]) == 3
+    assert 0.0 < max(row["seconds"]) < 20.0
+    assert set(row["codes"]) == {ErrorCode.PREEMPTED}
+    section = Section("cancels")
+    cancels.summarise([row], section, RNG)
+    assert "cancel of plan_motion, longest, one process" in lines(section)[1]
+    assert "(at most 50 ms)" in lines(section)[1]
+
+
 def test_figures_of_the_other_parts() -> None:
     section = Section("overhead")
     row = {
@@ -103,4 +115,4 @@ def test_figures_of_the_other_parts() -> None:
     assert said[1].endswith("falls short")
     assert said[2].endswith("holds")
     assert "14" in said[3]
-    assert [part.name for part in nodes_benchmark(True).parts] == ["overhead", "updates", "stress"]
+    assert [part.name for part in nodes_benchmark(True).parts] == ["overhead", "updates", "cancels", "stress"]

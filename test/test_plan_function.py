@@ -51,7 +51,7 @@ def test_the_nodes_answer(point: Suite) -> None:
     with pytest.raises(PlanningCancelledError):
         plan(question(first_solution=False, allowed_seconds=60.0), lambda: True)
     node = next(node for node in point.nodes if isinstance(node, PlannerNode))
-    assert client._spin_until(lambda: node.diagnostic_values()["plans_in_flight"] == 0, PATIENCE)
+    assert client.spin_until(lambda: node.diagnostic_values()["plans_in_flight"] == 0, PATIENCE)
     # One on a scene that is not in force any more.
     client.publish_scene(gap_scene(0.2), PATIENCE)
     point.settle(client)

@@ -148,7 +148,12 @@ def test_the_command_prints_writes_and_ends_with_a_status(tmp_path: Path) -> Non
     command = ["robot", "check", str(urdf), "--samples", "200"]
     done = CliRunner().invoke(app, [*command, "--write-srdf", str(srdf)])
     assert done.exit_code == 0, done.output
-    for words in ("first plan, among", "inverse kinematics: numerical", "self-collision: 6 pairs"):
+    for words in (
+        "first plan, among",
+        "collision bounds: ",
+        "inverse kinematics: numerical",
+        "self-collision: 6 pairs",
+    ):
         assert words in done.output
     # It is not said to work where its first plan found nothing.
     assert ("planning works" in done.output) != ("no path among" in done.output)
@@ -157,6 +162,8 @@ def test_the_command_prints_writes_and_ends_with_a_status(tmp_path: Path) -> Non
     content = json.loads(done.stdout)
     assert content["can_plan"]
     assert content["first_plan"]["found"]
+    assert content["bounds"]["spheres"] > 0
+    assert content["bounds"]["decided_share"] > 0.5
     assert [joint["name"] for joint in content["joints"]] == ["a", "b", "c"]
     assert content["surveyed"][0]["held"] is None
     urdf.write_text(arm(joint("a", 0), bodies=("", "")))

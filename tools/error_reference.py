@@ -50,6 +50,10 @@ ADVICE: dict[type[errors.BspPlannerError], str] = {
     errors.ModelUnavailableError: "Train one (`bsp-planner train`), or name a sampler that needs no model.",
     errors.MissingPackageError: "Install the extra that the message names.",
     errors.InvalidOptionError: "The message has the range.",
+    errors.RobotNotReadyError: (
+        "Wait: bounds are built once for a description, in up to a minute, and kept in the user's cache. `bsp-planner "
+        "robot check` builds them ahead."
+    ),
     errors.SceneUnavailableError: "Publish a scene on `obstacle_scene`, and wait for `scene_status`.",
     errors.EmptySceneError: (
         "Is what publishes obstacles alive? If there really are none, set the parameter `allow_empty_scene`."

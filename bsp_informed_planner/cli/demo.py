@@ -16,6 +16,7 @@ from bsp_informed_planner_msgs.msg import PlanResponse
 from rich.console import Console
 from rich.table import Table
 
+from bsp_informed_planner.cli.bounds_progress import build_bounds
 from bsp_informed_planner.cli.node_processes import NodeProcesses
 from bsp_informed_planner.cli.nodes import suite_parameters
 from bsp_informed_planner.cli.output_files import prepare_output
@@ -65,6 +66,7 @@ def run_demo(seed: int, robot_name: str, seconds: float, out: Path) -> int:
         ensure_compiled()
     choice = RobotChoice(robot_name)
     robot = load_robot(choice)
+    build_bounds(robot)
     problem = demo_problem(robot_name, robot, seed)
     # A domain and a namespace of its own keep the demo apart from whatever else runs ROS on this machine.
     domain = os.environ.get("ROS_DOMAIN_ID") or str(1 + os.getpid() % 100)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import typer
 
+from bsp_informed_planner.cli.bounds_progress import build_bounds
 from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses
 from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
 from bsp_informed_planner.compile_kernels import ensure_compiled
@@ -34,6 +35,7 @@ def run_nodes(choice: RobotChoice, namespace: str, params_file: Path | None, res
     typer.echo(describe_robot(robot))
     # Once here, and not three times at once in the nodes.
     ensure_compiled()
+    build_bounds(robot)
     parameters = suite_parameters(choice, robot)
     # Whatever ends this process ends the nodes: SIGTERM too, and Ctrl-C where a shell has it ignored in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import typer
 
+from bsp_informed_planner.cli.bounds_progress import build_bounds
 from bsp_informed_planner.cli.output_files import prepare_output
 from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
 from bsp_informed_planner.cli.scene_files import load_problem, numbers, pose_option
@@ -66,6 +67,7 @@ def run_plan(arguments: PlanArguments) -> int:
     if arguments.goal_pose is not None:
         goals.append(PoseGoal(pose_option("--goal-pose", arguments.goal_pose)))
     options = _options(arguments, loaded.options)
+    build_bounds(robot, silent=arguments.json)
     planner = Planner(robot, scene, models=None if arguments.models is None else str(arguments.models))
     if warning := outside_warning(scene):
         typer.echo(f"warning: {warning}", err=True)

@@ -19,6 +19,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from bsp_informed_planner.cli.output_files import prepare_output
+from bsp_informed_planner.collision.bounds_report import BoundsReport, report_bounds
 from bsp_informed_planner.collision.check_speed import CheckSpeed, measure_checks
 from bsp_informed_planner.errors import BspPlannerError
 from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions
@@ -93,15 +94,15 @@ def run_check(arguments: CheckArguments) -> int:
             CheckOptions(samples=arguments.samples, seed=arguments.seed),
             on_progress,
         )
-        speeds, plan = _tried(report, robot, arguments.seed, on_progress)
+        speeds, bounds, plan = _tried(report, robot, arguments.seed, on_progress)
     if plan is not None and not plan.found:
         text = f"no path {plan.description} within {_PLAN_SECONDS:g} s ({plan.message}); that one problem may be hard: "
         finding = Finding(Severity.WARNING, "planning", text + "try other --seed")
         report = dataclasses.replace(report, findings=worst_first([*report.findings, finding]))
     if arguments.json:
-        typer.echo(json.dumps(_as_json(report, speeds, plan)))
+        typer.echo(json.dumps(_as_json(report, speeds, bounds, plan)))
     else:
-        _print(report, speeds, plan)
+        _print(report, speeds, bounds, plan)
     if arguments.write_srdf is not None:
         if robot is None or report.self_collision is None:
             typer.echo("error: no SRDF is written: the robot could not be loaded", err=True)
@@ -114,33 +115,36 @@ def run_check(arguments: CheckArguments) -> int:
 
 def _tried(
     report: RobotReport, robot: ArmRobot | None, seed: int, on_progress: Any
-) -> tuple[tuple[CheckSpeed, ...], FirstPlan | None]:
+) -> tuple[tuple[CheckSpeed, ...], BoundsReport | None, FirstPlan | None]:
     """What the collision checker and the planner make of the robot."""
     if robot is None or not report.bodies or not any(body.moves for body in report.bodies):
-        return (), None
+        return (), None, None
     if report.self_collision is not None and report.self_collision.free_share == 0.0:
-        return (), None
+        return (), None, None
     on_progress("planning", 0, 3)
     rng = np.random.default_rng(seed)
     try:
         problem = random_box_problem(robot, rng)
     except BspPlannerError as error:
-        return (), FirstPlan("among boxes", found=False, message=str(error))
+        return (), None, FirstPlan("among boxes", found=False, message=str(error))
     on_progress("planning", 1, 3)
     empty = dataclasses.replace(problem.scene, obstacles={})
     configurations = rng.uniform(robot.lower, robot.upper, (_SPEED_SAMPLES, robot.dof))
     speeds = tuple(measure_checks(robot, scene, configurations) for scene in (empty, problem.scene))
+    bounds = report_bounds(
+        robot, problem.scene, configurations, lambda done, total: on_progress("collision bounds", done, total)
+    )
     on_progress("planning", 2, 3)
     goals = [JointGoal(goal) for goal in problem.goals]
     options = PlanOptions(allowed_seconds=_PLAN_SECONDS, first_solution=True, seed=seed)
     try:
         result = Planner(robot, problem.scene).plan(PlanningProblem(problem.start, goals), options)
     except BspPlannerError as error:
-        return speeds, FirstPlan(problem.description, found=False, message=str(error))
+        return speeds, bounds, FirstPlan(problem.description, found=False, message=str(error))
     finally:
         on_progress("planning", 3, 3)
     first = result.statistics.first_solution_seconds
-    return speeds, FirstPlan(problem.description, True, result.certified, first, result.cost)
+    return speeds, bounds, FirstPlan(problem.description, True, result.certified, first, result.cost)
 
 
 @contextmanager
@@ -161,10 +165,13 @@ def _progress(silent: bool) -> Iterator[Progress]:
         yield bar
 
 
-def _as_json(report: RobotReport, speeds: tuple[CheckSpeed, ...], plan: FirstPlan | None) -> dict[str, Any]:
+def _as_json(
+    report: RobotReport, speeds: tuple[CheckSpeed, ...], bounds: BoundsReport | None, plan: FirstPlan | None
+) -> dict[str, Any]:
     content = dataclasses.asdict(report)
     content["can_plan"] = report.can_plan
     content["check_speeds"] = [dataclasses.asdict(speed) for speed in speeds]
+    content["bounds"] = None if bounds is None else dataclasses.asdict(bounds)
     content["first_plan"] = None if plan is None else dataclasses.asdict(plan)
     finite: dict[str, Any] = _without_nan(content)
     return finite
@@ -179,7 +186,9 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _print(report: RobotReport, speeds: tuple[CheckSpeed, ...], plan: FirstPlan | None) -> None:
+def _print(
+    report: RobotReport, speeds: tuple[CheckSpeed, ...], bounds: BoundsReport | None, plan: FirstPlan | None
+) -> None:
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:
         console = Console(highlight=False, soft_wrap=True, width=160)
@@ -192,7 +201,7 @@ def _print(report: RobotReport, speeds: tuple[CheckSpeed, ...], plan: FirstPlan 
             console.print("held: " + ", ".join(f"{name} = {value:.4g}" for name, value in report.held.items()))
     if report.bodies:
         console.print(_body_table(report))
-    for line in _facts(report, speeds, plan):
+    for line in _facts(report, speeds, bounds, plan):
         console.print(line, markup=False)
     console.print()
     for finding in report.findings:
@@ -236,7 +245,9 @@ def _body_table(report: RobotReport) -> Table:
     return table
 
 
-def _facts(report: RobotReport, speeds: tuple[CheckSpeed, ...], plan: FirstPlan | None) -> Iterator[str]:
+def _facts(
+    report: RobotReport, speeds: tuple[CheckSpeed, ...], bounds: BoundsReport | None, plan: FirstPlan | None
+) -> Iterator[str]:
     if report.inverse_kinematics is not None:
         found = report.inverse_kinematics
         recovered = "" if found.recovered is None else f", with the right branch {found.recovered}"
@@ -267,6 +278,13 @@ def _facts(report: RobotReport, speeds: tuple[CheckSpeed, ...], plan: FirstPlan 
         yield (
             f"check {where}: {1e6 * speed.seconds:.0f} us a configuration, {1e6 * speed.free_seconds:.0f} us a free "
             f"one ({100 * speed.free_share:.0f} % are)"
+        )
+    if bounds is not None:
+        how = "built" if bounds.built else "at hand, read"
+        yield (
+            f"collision bounds: {bounds.spheres} spheres around the bodies and {bounds.inner_spheres} inside, {how} in "
+            f"{bounds.seconds:.1f} s; among {bounds.obstacles} boxes they decide {100 * bounds.decided_share:.1f} % of "
+            f"{bounds.configurations} configurations in {1e6 * bounds.state_seconds:.1f} us each"
         )
     if plan is not None and plan.found:
         proof = "certified" if plan.certified else "verified"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
+from bsp_informed_planner.cli.bounds_progress import build_bounds
 from bsp_informed_planner.cli.pages import open_viewer, serve
 from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
 from bsp_informed_planner.cli.scene_files import LoadedProblem, load_problem
@@ -91,6 +92,7 @@ def _serve(
         raise UnknownFrameError(
             loaded.scene.frame, [robot.root_frame], f"{name}: its frame must be the root link of the robot"
         )
+    build_bounds(robot)
     planner = Planner(robot, loaded.scene)
     start, goal, goals = first_ends(planner, loaded)
     ways = {**ways, "library": library_plan(planner)}

@@ -6,8 +6,9 @@ import logging
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
-from weakref import WeakKeyDictionary
+from weakref import ReferenceType, WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -53,7 +54,7 @@ _ROUNDING = 2.0**-24
 _ROOM = 1e-6
 _STACK, _INTERVALS = 4096, 512
 
-# Is told the number of groups that are done, and of all groups.
+# Is told how many steps are done, of how many; what it raises ends the work.
 Progress = Callable[[int, int], None]
 
 
@@ -199,8 +200,15 @@ class CollisionBounds:
         )
 
 
-_known: WeakKeyDictionary[Robot, CollisionBounds] = WeakKeyDictionary()
-_building = threading.Lock()
+# Robots whose bounds are kept in memory though nobody uses them at the moment. Those of a robot that holds something
+# live as long as a planner has them: it is another robot each time, and its bounds may take megabytes.
+_MOST_KEPT = 8
+# All of these are looked at under `_guard`, which nobody holds for long. Covers of one key are built once at a time.
+_guard = threading.Lock()
+_known: WeakKeyDictionary[Robot, ReferenceType[CollisionBounds]] = WeakKeyDictionary()
+_kept: deque[CollisionBounds] = deque(maxlen=_MOST_KEPT)
+_keys: WeakKeyDictionary[Robot, str] = WeakKeyDictionary()
+_building: WeakValueDictionary[str, threading.Lock] = WeakValueDictionary()
 
 
 def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds:
@@ -208,37 +216,73 @@ def bounds_of(robot: Robot, progress: Progress | None = None) -> CollisionBounds
 
     If it holds something (`robot_in_scene`), only the groups of what it holds are new.
 
-    Building takes some ten seconds for an arm, once; it is logged.
+    Building takes 20 to 50 s for an arm, once, as `bsp-planner benchmark collision` measures; it is logged. Other
+    threads get the bounds of other robots meanwhile.
 
     Args:
         robot: a robot.
         progress: see `build_covers`.
     """
-    with _building:
-        return _bounds_of(robot, progress)
+    bounds = bounds_at_hand(robot)
+    if bounds is not None:
+        return bounds
+    key = _key_of(robot)
+    with _guard:
+        lock = _building.get(key)
+        if lock is None:
+            lock = _building[key] = threading.Lock()
+    with lock:
+        # Another thread may have built them meanwhile.
+        return bounds_at_hand(robot) or _remember(robot, _built_covers(robot, key, progress))
 
 
-def _bounds_of(robot: Robot, progress: Progress | None) -> CollisionBounds:
-    bounds = _known.get(robot)
+def bounds_at_hand(robot: Robot) -> CollisionBounds | None:
+    """The bounds of a robot, made before or from a file; None if they have to be built. Takes a tenth of a second."""
+    with _guard:
+        bounds = _still_known(robot)
     if bounds is None:
-        covers = _kept_covers(robot, progress)
-        bounds = _known[robot] = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
+        covers = load_covers(_key_of(robot))
+        if covers is not None:
+            bounds = _remember(robot, covers)
     return bounds
 
 
-def _kept_covers(robot: Robot, progress: Progress | None) -> RobotCovers:
-    options, sharpening = CoverOptions(), SharpeningOptions()
-    key = cover_key(robot, options, sharpening)
-    covers = load_covers(key)
-    if covers is None:
-        logger.info("building the collision bounds of %s", robot.name)
-        begin = time.perf_counter()
-        if isinstance(robot, HoldingRobot):
-            covers = _extended(_bounds_of(robot.bare, progress), robot)
-        else:
-            covers = build_covers(robot, options, sharpening, progress)
-        logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
-        save_covers(key, covers)
+def _key_of(robot: Robot) -> str:
+    with _guard:
+        key = _keys.get(robot)
+    if key is None:
+        key = cover_key(robot, CoverOptions(), SharpeningOptions())
+        with _guard:
+            _keys[robot] = key
+    return key
+
+
+def _remember(robot: Robot, covers: RobotCovers) -> CollisionBounds:
+    bounds = CollisionBounds(robot, group_bodies(robot.collision_model), covers)
+    with _guard:
+        known = _still_known(robot)
+        if known is not None:
+            return known
+        _known[robot] = ReferenceType(bounds)
+        if not isinstance(robot, HoldingRobot):
+            _kept.append(bounds)
+        return bounds
+
+
+def _still_known(robot: Robot) -> CollisionBounds | None:
+    reference = _known.get(robot)
+    return None if reference is None else reference()
+
+
+def _built_covers(robot: Robot, key: str, progress: Progress | None) -> RobotCovers:
+    logger.info("building the collision bounds of %s", robot.name)
+    begin = time.perf_counter()
+    if isinstance(robot, HoldingRobot):
+        covers = _extended(bounds_of(robot.bare, progress), robot)
+    else:
+        covers = build_covers(robot, progress=progress)
+    logger.info("collision bounds of %s built in %.1f s", robot.name, time.perf_counter() - begin)
+    save_covers(key, covers)
     return covers
 
 
@@ -278,17 +322,26 @@ def build_covers(
         robot: a robot.
         options: how fine.
         sharpening: what is done about links that are close to each other.
-        progress: is told after every group of bodies, and at the end.
+        progress: is told after every step, and at the end; what it raises ends the work.
     """
-    options = options or CoverOptions()
+    options, sharpening = options or CoverOptions(), sharpening or SharpeningOptions()
     groups = group_bodies(robot.collision_model)
+    # A step for each group, one for the pairs that never touch, and one for each round of sharpening.
+    steps, done = len(groups.members) + 1 + sharpening.rounds, 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, steps)
+
     builders = []
-    for number, members in enumerate(groups.members):
+    for members in groups.members:
         builders.append(_builder(robot, members, options))
         builders[-1].build()
-        if progress is not None:
-            progress(number + 1, len(groups.members) + 1)
+        step()
     clear = find_clear_pairs(robot, groups)
+    step()
 
     def covers() -> RobotCovers:
         return RobotCovers(tuple(builder.cover() for builder in builders), clear)
@@ -303,10 +356,11 @@ def build_covers(
         return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
 
     pairs = _without(groups.pairs, clear)
-    sharpen_close_pairs(robot, groups, builders, pairs, undecided, sharpening or SharpeningOptions())
+    sharpen_close_pairs(robot, groups, builders, pairs, undecided, sharpening, on_round=step)
+    made = covers()
     if progress is not None:
-        progress(len(groups.members) + 1, len(groups.members) + 1)
-    return covers()
+        progress(steps, steps)
+    return made
 
 
 def _without(pairs: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -32,6 +32,8 @@ _SOURCES = (
     "solid_kernels.py",
     "solids.py",
 )
+# Files that are kept in the user's cache, those used last: what robots hold differs from scene to scene.
+_MOST_FILES = 256
 # Numbers that agree this well are the same [m or rad]; radii have far more room for rounding.
 _DIGITS = 9
 # Single precision keeps lengths below 4 m to this [m].
@@ -100,10 +102,17 @@ def save_covers(key: str, covers: RobotCovers, folder: Path | None = None) -> Pa
             np.savez_compressed(file, allow_pickle=False, **arrays)
         path = folder / f"{key}.npz"
         os.replace(temporary, path)
+        _forget_oldest(folder)
     except OSError as error:
         logger.warning("covers cannot be kept (%s): they are built at each start", error)
         return None
     return path
+
+
+def _forget_oldest(folder: Path) -> None:
+    files = sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime)
+    for path in files[: max(len(files) - _MOST_FILES, 0)]:
+        path.unlink(missing_ok=True)
 
 
 def _read(path: Path) -> RobotCovers:

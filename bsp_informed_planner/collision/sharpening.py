@@ -56,6 +56,7 @@ def sharpen_close_pairs(
     undecided: Undecided,
     options: SharpeningOptions,
     seed: int = 0,
+    on_round: Callable[[], None] = lambda: None,
 ) -> None:
     """Refine the balls that keep the covers from proving that links are clear of each other.
 
@@ -71,6 +72,7 @@ def sharpen_close_pairs(
         undecided: see there.
         options: see there.
         seed: of the configurations.
+        on_round: called after each round.
     """
     rng = np.random.default_rng(seed)
     data = robot.model.createData()
@@ -102,6 +104,7 @@ def sharpen_close_pairs(
             counts[group] += max(len(leaf.children) - 1, 0)
             done += 1
         logger.debug("%d configurations undecided; %d balls sharpened", len(tried), done)
+        on_round()
         if not done:
             break
 

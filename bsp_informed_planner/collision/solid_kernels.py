@@ -19,8 +19,16 @@ CELL_SIZE = 5
 HALF_DIAGONAL = math.sqrt(3.0)
 # A ray that passes an edge of a triangle as close as this, in barycentric coordinates, is not trusted.
 EDGE_DOUBT = 1e-9
-# Some direction that is parallel to nothing.
+# Some direction that is parallel to nothing, and two that span the plane across it.
 RAY = (0.8128, 0.3793, 0.4422)
+ACROSS = (
+    (RAY[1], -RAY[0], 0.0),
+    (RAY[0] * RAY[2], RAY[1] * RAY[2], -(RAY[0] ** 2 + RAY[1] ** 2)),
+)
+# Of a crossing that is not certain.
+DOUBTFUL = 2
+# Cells of a grid across the rays: at most so many along each side, and entries a triangle.
+MOST_COLUMNS, MOST_ENTRIES = 1024, 32
 
 
 # Rows are copied number by number: an assignment from array to array, with all messages that it could end in, takes
@@ -108,27 +116,38 @@ def solid_angle_winding(p: Floats, triangles: Floats) -> float:
     return abs(total) / (2.0 * math.pi)
 
 
+@kernel(inline="always")
+def crossing(p: Floats, triangles: Floats, i: int) -> int:
+    """How a ray from a point crosses a triangle: 1 outwards, -1 inwards, 0 not at all, `DOUBTFUL` if not certain."""
+    r0, r1, r2 = RAY
+    a0, a1, a2 = triangles[i, 0, 0] - p[0], triangles[i, 0, 1] - p[1], triangles[i, 0, 2] - p[2]
+    b0, b1, b2 = triangles[i, 1, 0] - p[0], triangles[i, 1, 1] - p[1], triangles[i, 1, 2] - p[2]
+    c0, c1, c2 = triangles[i, 2, 0] - p[0], triangles[i, 2, 1] - p[1], triangles[i, 2, 2] - p[2]
+    # Volumes that the ray spans with the edges: all of one sign if it passes through the triangle.
+    u = r0 * (b1 * c2 - b2 * c1) + r1 * (b2 * c0 - b0 * c2) + r2 * (b0 * c1 - b1 * c0)
+    v = r0 * (c1 * a2 - c2 * a1) + r1 * (c2 * a0 - c0 * a2) + r2 * (c0 * a1 - c1 * a0)
+    w = r0 * (a1 * b2 - a2 * b1) + r1 * (a2 * b0 - a0 * b2) + r2 * (a0 * b1 - a1 * b0)
+    doubt = EDGE_DOUBT * (abs(u) + abs(v) + abs(w))
+    result = 0
+    if max(u, v, w) < -doubt or min(u, v, w) > doubt:
+        volume = a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
+        # The triangle is ahead of the point, not behind.
+        if volume * (u + v + w) > 0.0:
+            result = 1 if volume > 0.0 else -1
+    elif not (min(u, v, w) < -doubt and max(u, v, w) > doubt):
+        result = DOUBTFUL
+    return result
+
+
 @kernel
 def ray_winding(p: Floats, triangles: Floats) -> float:
     """How often a closed surface winds around a point, by the crossings of a ray; -1 if that is not certain."""
-    r0, r1, r2 = RAY
     total = 0
     for i in range(triangles.shape[0]):
-        a0, a1, a2 = triangles[i, 0, 0] - p[0], triangles[i, 0, 1] - p[1], triangles[i, 0, 2] - p[2]
-        b0, b1, b2 = triangles[i, 1, 0] - p[0], triangles[i, 1, 1] - p[1], triangles[i, 1, 2] - p[2]
-        c0, c1, c2 = triangles[i, 2, 0] - p[0], triangles[i, 2, 1] - p[1], triangles[i, 2, 2] - p[2]
-        # Volumes that the ray spans with the edges: all of one sign if it passes through the triangle.
-        u = r0 * (b1 * c2 - b2 * c1) + r1 * (b2 * c0 - b0 * c2) + r2 * (b0 * c1 - b1 * c0)
-        v = r0 * (c1 * a2 - c2 * a1) + r1 * (c2 * a0 - c0 * a2) + r2 * (c0 * a1 - c1 * a0)
-        w = r0 * (a1 * b2 - a2 * b1) + r1 * (a2 * b0 - a0 * b2) + r2 * (a0 * b1 - a1 * b0)
-        doubt = EDGE_DOUBT * (abs(u) + abs(v) + abs(w))
-        if max(u, v, w) < -doubt or min(u, v, w) > doubt:
-            volume = a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
-            # The triangle is ahead of the point, not behind.
-            if volume * (u + v + w) > 0.0:
-                total += 1 if volume > 0.0 else -1
-        elif not (min(u, v, w) < -doubt and max(u, v, w) > doubt):
+        crossed = crossing(p, triangles, i)
+        if crossed == DOUBTFUL:
             return -1.0
+        total += crossed
     return float(abs(total))
 
 
@@ -333,31 +352,101 @@ def touching_balls(first: Floats, second: Floats, centre: Floats, radius: float)
     return found[:used].copy()
 
 
+@kernel(inline="always")
+def along(direction: tuple[float, float, float], x: float, y: float, z: float) -> float:
+    return direction[0] * x + direction[1] * y + direction[2] * z
+
+
+@kernel
+def columns_of(triangles: Floats, low: Floats, width: float, count: int, spans: Indices) -> int:
+    """Which columns the rectangle around each triangle, seen along the rays, lies in. Returns how many in all.
+
+    Args:
+        triangles: (m, 3, 3).
+        low, width, count: of the grid of columns, count x count squares: its corner (2,), their edge.
+        spans: (m, 4) is filled with the first and the last column of each, in both directions.
+    """
+    total = 0
+    for i in range(triangles.shape[0]):
+        for axis in range(2):
+            least, most = np.inf, -np.inf
+            for corner in range(3):
+                value = along(ACROSS[axis], triangles[i, corner, 0], triangles[i, corner, 1], triangles[i, corner, 2])
+                least, most = min(least, value), max(most, value)
+            # A millionth of a column more, for rounding.
+            spans[i, 2 * axis] = min(max(math.floor((least - low[axis]) / width - 1e-6), 0), count - 1)
+            spans[i, 2 * axis + 1] = min(max(math.floor((most - low[axis]) / width + 1e-6), 0), count - 1)
+        total += (spans[i, 1] - spans[i, 0] + 1) * (spans[i, 3] - spans[i, 2] + 1)
+    return total
+
+
 @kernel
 def is_outermost(triangles: Floats, offset: float) -> NDArray[np.bool_]:
-    """(m,) for which triangles a point close to it is outside of the solid: only some points are looked at."""
-    found = np.zeros(triangles.shape[0], np.bool_)
+    """(m,) for which triangles a point close to it is outside of the solid: only some points are looked at.
+
+    All rays are parallel, so a ray meets only triangles of the column that it is in: a square of a grid across them.
+    """
+    count = triangles.shape[0]
+    found = np.zeros(count, np.bool_)
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(count):
+        for corner in range(3):
+            for axis in range(2):
+                value = along(ACROSS[axis], triangles[i, corner, 0], triangles[i, corner, 1], triangles[i, corner, 2])
+                low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
+    extent = max(high[0] - low[0], high[1] - low[1]) + offset
+    columns = min(max(int(math.sqrt(count)), 1), MOST_COLUMNS)
+    spans = np.empty((count, 4), np.int64)
+    total = columns_of(triangles, low, extent / columns, columns, spans)
+    while total > MOST_ENTRIES * count and columns > 1:
+        columns //= 2
+        total = columns_of(triangles, low, extent / columns, columns, spans)
+    width = extent / columns
+    starts = np.zeros(columns * columns + 1, np.int64)
+    for i in range(count):
+        for x in range(spans[i, 0], spans[i, 1] + 1):
+            for y in range(spans[i, 2], spans[i, 3] + 1):
+                starts[x * columns + y + 1] += 1
+    for place in range(columns * columns):
+        starts[place + 1] += starts[place]
+    filled = starts.copy()
+    entries = np.empty(total, np.int64)
+    for i in range(count):
+        for x in range(spans[i, 0], spans[i, 1] + 1):
+            for y in range(spans[i, 2], spans[i, 3] + 1):
+                entries[filled[x * columns + y]] = i
+                filled[x * columns + y] += 1
     p = np.empty(3)
-    for i in range(triangles.shape[0]):
+    for i in range(count):
         a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
         x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
         u, v, w = c[0] - a[0], c[1] - a[1], c[2] - a[2]
         nx, ny, nz = y * w - z * v, z * u - x * w, x * v - y * u
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
         if length > 0.0:
-            for corner in range(4):
-                # The middle, or close to a corner.
+            for look in range(8):
+                if found[i]:
+                    break
+                # The middle, or close to a corner; on one side and on the other.
+                corner, side = look // 2, look % 2
                 share = 0.0 if corner == 3 else 0.9
                 own = triangles[i, corner % 3]
-                for side in range(2):
-                    shift = (offset if side else -offset) / length
-                    for k in range(3):
-                        step = nx if k == 0 else (ny if k == 1 else nz)
-                        p[k] = (1.0 - share) * (a[k] + b[k] + c[k]) / 3.0 + share * own[k] + shift * step
-                    winding = ray_winding(p, triangles)
-                    if winding < 0.0:
-                        winding = solid_angle_winding(p, triangles)
-                    found[i] |= winding < 0.5
+                shift = (offset if side else -offset) / length
+                for k in range(3):
+                    step = nx if k == 0 else (ny if k == 1 else nz)
+                    p[k] = (1.0 - share) * (a[k] + b[k] + c[k]) / 3.0 + share * own[k] + shift * step
+                column = math.floor((along(ACROSS[0], p[0], p[1], p[2]) - low[0]) / width)
+                row = math.floor((along(ACROSS[1], p[0], p[1], p[2]) - low[1]) / width)
+                winding, certain = 0, True
+                if 0 <= column < columns and 0 <= row < columns:
+                    place = column * columns + row
+                    for entry in range(starts[place], starts[place + 1]):
+                        crossed = crossing(p, triangles, entries[entry])
+                        certain = crossed != DOUBTFUL
+                        if not certain:
+                            break
+                        winding += crossed
+                found[i] = winding == 0 if certain else solid_angle_winding(p, triangles) < 0.5
     return found
 
 

@@ -25,6 +25,9 @@ from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene
 
+#: Messages that are still read when the time to wait for one is over.
+LAST_MESSAGES = 20
+
 
 def _nanoseconds(stamp: Time) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
@@ -71,6 +74,42 @@ class SuiteClient:
         self._executor.shutdown()
 
     @property
+    def node(self) -> Node:
+        """The caller's, for other clients and subscriptions, which the methods here spin, too."""
+        return self._node
+
+    def spin_until(
+        self, condition: Callable[[], bool], seconds: float, alive: Callable[[], None] | None = None
+    ) -> bool:
+        """Let messages come until something holds.
+
+        Args:
+            condition: asked after each message.
+            seconds: longest wait [s].
+            alive: called now and then; may raise.
+
+        Returns:
+            whether it holds.
+        """
+        end = time.monotonic() + seconds
+        while not condition() and time.monotonic() <= end:
+            if alive is not None:
+                alive()
+            self._executor.spin_once(timeout_sec=0.05)
+        # Where this process itself was held up, what has come in time is still to be read.
+        for _ in range(LAST_MESSAGES):
+            if condition():
+                return True
+            self._executor.spin_once(timeout_sec=0.0)
+        return condition()
+
+    def spin_for(self, seconds: float) -> None:
+        """Let messages come for a time [s]."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    @property
     def revision(self) -> int:
         """Revision of the scene in force, as far as this client has heard; 0: none."""
         return 0 if self._status is None else int(self._status.revision)
@@ -101,9 +140,9 @@ class SuiteClient:
             ]
             return lacking
 
-        if not self._spin_until(lambda: not missing(), seconds, alive):
+        if not self.spin_until(lambda: not missing(), seconds, alive):
             raise SuiteUnavailableError(f"after {seconds:.0f} s there is still no {', no '.join(missing())}")
-        if not self._spin_until(self._plan.service_is_ready, seconds, alive):
+        if not self.spin_until(self._plan.service_is_ready, seconds, alive):
             raise SuiteUnavailableError(f"service {self._plan.srv_name} is not ready after {seconds:.0f} s")
 
     def publish_scene(self, scene: Scene, seconds: float = 10.0) -> int:
@@ -134,13 +173,13 @@ class SuiteClient:
             return graph is not None and graph.scene_epoch == self.epoch and graph.scene_revision >= revision
 
         self.publish_message(message)
-        if not self._spin_until(is_answered, seconds):
+        if not self.spin_until(is_answered, seconds):
             raise SuiteUnavailableError(f"the decomposition node did not answer a scene within {seconds:.0f} s")
         assert self._status is not None
         if self._status.error_code != ErrorCode.SUCCESS:
             raise SceneRefusedError(self._status.message)
         revision = int(self._status.revision)
-        if not self._spin_until(graph_is_there, seconds):
+        if not self.spin_until(graph_is_there, seconds):
             raise SuiteUnavailableError(f"no keypoint_graph of scene {revision} within {seconds:.0f} s")
         return revision
 
@@ -158,7 +197,7 @@ class SuiteClient:
             SceneUnavailableError: if there is none.
             SceneError: if it cannot be read.
         """
-        if not self._spin_until(lambda: self._scene is not None, seconds):
+        if not self.spin_until(lambda: self._scene is not None, seconds):
             raise SceneUnavailableError(f"no scene within {seconds:.0f} s: the decomposition node has been sent none")
         assert self._scene is not None
         return scene_from_msg(self._scene)
@@ -200,7 +239,7 @@ class SuiteClient:
         end = time.monotonic() + seconds + _planning_seconds(request)
 
         def wait(condition: Callable[[], bool]) -> None:
-            if not self._spin_until(condition, end - time.monotonic()):
+            if not self.spin_until(condition, end - time.monotonic()):
                 raise SuiteUnavailableError("action plan_motion did not answer")
 
         wait(self._plan_motion.server_is_ready)
@@ -219,7 +258,7 @@ class SuiteClient:
 
     def _plan_once(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None) -> PlanResponse:
         future = self._plan.call_async(Plan.Request(request=request))
-        if not self._spin_until(future.done, seconds + _planning_seconds(request), alive):
+        if not self.spin_until(future.done, seconds + _planning_seconds(request), alive):
             self._plan.remove_pending_request(future)
             raise SuiteUnavailableError(f"service {self._plan.srv_name} did not answer")
         return future.result().response
@@ -233,18 +272,6 @@ class SuiteClient:
 
     def _on_graph(self, message: KeypointGraph) -> None:
         self.keypoint_graph = message
-
-    def _spin_until(
-        self, condition: Callable[[], bool], seconds: float, alive: Callable[[], None] | None = None
-    ) -> bool:
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                return False
-            if alive is not None:
-                alive()
-            self._executor.spin_once(timeout_sec=0.05)
-        return True
 
 
 def request_for(

@@ -51,8 +51,8 @@ def _superseding(dropped: tuple[Scene, Time], newer: tuple[Scene, Time]) -> tupl
 class DecompositionNode(PlannerSuiteNode):
     """Makes `scene` and `keypoint_graph` of `obstacle_scene` and `obstacle_points`.
 
-    It publishes `scene_status` and `decomposition_markers` too; the four are latched. `scene` and `keypoint_graph` of a
-    revision are published together; a message that is refused changes neither, and `scene_status` says why. Every
+    It publishes `scene_status` and `decomposition_markers` too; the four are latched. The `keypoint_graph` of a
+    revision follows its `scene`; a message that is refused changes neither, and `scene_status` says why. Every
     message counts, in order, but when scenes come faster than they are decomposed, only the newest is: revisions are
     skipped, never half published.
 
@@ -165,23 +165,27 @@ class DecompositionNode(PlannerSuiteNode):
         try:
             decomposition = self._decomposer.decompose(scene)
             whole = scene_to_msg(scene)
-            graph = graph_to_msg(decomposition, self._settings.publish_edges)
         except Exception as error:  # noqa: BLE001 -- the worker must go on
             self._refuse("decomposition", error, stamp)
             return
         self._refusals.pop("decomposition", None)
-        whole.header.stamp = graph.header.stamp = stamp
-        whole.epoch = graph.scene_epoch = self._epoch
+        whole.header.stamp = stamp
+        whole.epoch = self._epoch
         self._scene = scene
-        self._decomposed.count(time.monotonic() - begin)
-        # The graph first: whoever waits for the scene of a revision finds its graph there already.
-        self._graph_publisher.publish(graph)
+        # The scene first: the graph takes longer to pass than to make, and most plans are over before they need it.
         self._scene_publisher.publish(whole)
         warning = outside_warning(scene)
         if warning:
             self.get_logger().warning(warning)
         said = f"{len(scene.obstacles)} obstacles" + (f"; warning: {warning}" if warning else "")
         self._publish_status(*self._verdict(said), stamp)
+        try:
+            graph = graph_to_msg(decomposition, self._settings.publish_edges)
+            graph.header.stamp, graph.scene_epoch = stamp, self._epoch
+            self._graph_publisher.publish(graph)
+        except Exception as error:  # noqa: BLE001 -- the worker must go on; the other nodes decompose the scene themselves
+            self.note_error(f"keypoint_graph {scene.revision}: {error}")
+        self._decomposed.count(time.monotonic() - begin)
         self.get_logger().info(
             f"scene {scene.revision}: {len(scene.obstacles)} obstacles, {decomposition.cell_count} free cells, "
             f"{decomposition.portal_count} portals, {decomposition.candidate_count} keypoint candidates in "

@@ -64,6 +64,7 @@ BY_CLASS: tuple[tuple[type[errors.BspPlannerError], ErrorCode], ...] = (
     (errors.MissingPackageError, ErrorCode.INVALID_GROUP_NAME),
     (errors.InvalidOptionError, ErrorCode.PLANNING_FAILED),
     (errors.SceneUnavailableError, ErrorCode.COLLISION_CHECKING_UNAVAILABLE),
+    (errors.RobotNotReadyError, ErrorCode.COLLISION_CHECKING_UNAVAILABLE),
     (errors.EmptySceneError, ErrorCode.UNABLE_TO_ACQUIRE_SENSOR_DATA),
     (errors.SceneEpochError, ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE),
     (errors.SceneRevisionError, ErrorCode.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE),

@@ -28,17 +28,22 @@ from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
 from bsp_informed_planner.nodes.parameters import parameter
+from bsp_informed_planner.nodes.robot_preparation import RobotPreparation
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
 from bsp_informed_planner.nodes.served_models import ServedModels
-from bsp_informed_planner.nodes.world import WorldTracker
+from bsp_informed_planner.nodes.world import World, WorldTracker
+from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.validation import free_state
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
 from bsp_informed_planner.sampling.guide import EXACT, GUIDES
+from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.pose import FloatArray
 
 logger = logging.getLogger(__name__)
 
+#: Longest time for the guidance that a model is tried out with when its robot is new [s].
+WARM_UP_SECONDS = 2.0
 MAX_SAMPLES = 100_000
 MAX_GOALS = 1000
 
@@ -73,6 +78,8 @@ class InferenceNode(PlannerSuiteNode):
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self._models = ServedModels(self._settings.model_folder or None)
         self._models.require_sound()
+        self._preparation = RobotPreparation(self._world, self._try_out, self.note_error)
+        self.release_with(self._preparation.close)
         self._robot_source = RobotSource(self, self._settings, self._on_robot, self.note_error)
         self.release_with(self._world.close)
         self.release_with(self._robot_source.close)
@@ -89,8 +96,24 @@ class InferenceNode(PlannerSuiteNode):
         return self._parameter_set.values
 
     def _on_robot(self, robot: Robot) -> None:
-        self._models.load(robot)
-        self._world.set_robot(robot)
+        self._models.load(robot, self._settings.model)
+        self._preparation.submit(robot)
+
+    def _try_out(self, planner: Planner, problem: ScenarioProblem) -> None:
+        """Guidance by each model of a robot that is new: the next is as fast as it can be."""
+        goals, options = np.array(problem.goals), KeypointGuideOptions(sigma=self._settings.sigma)
+        rng = np.random.default_rng(0)
+        for model in self._models.loaded(planner.robot):
+            deadline = time.monotonic() + WARM_UP_SECONDS
+            guidance = self._models.guides(World(planner, epoch=0), options).guide(
+                model,
+                problem.start,
+                goals,
+                planner.checker(),
+                lambda: time.monotonic() > deadline,  # noqa: B023
+            )
+            if guidance.sampler is not None:
+                guidance.sampler.sample(rng, 1)
 
     def _on_parameters(self, settings: InferenceParameters) -> None:
         self._world.allow_empty_scene = settings.allow_empty_scene
@@ -98,6 +121,7 @@ class InferenceNode(PlannerSuiteNode):
     def diagnostic_values(self) -> dict[str, object]:
         return {
             "robot": self._world.robot_name,
+            "preparation": self._world.preparation,
             "model": self._settings.model,
             "scene_epoch": self._world.epoch,
             "scene_revision": self._world.revision,

@@ -199,16 +199,17 @@ def trajectory_to_msg(trajectory: Trajectory, robot: Robot) -> JointTrajectory:
     message.header.frame_id = robot.root_frame
     message.points = [
         JointTrajectoryPoint(
-            positions=position,
-            velocities=velocity,
-            accelerations=acceleration,
-            time_from_start=duration_to_msg(float(seconds)),
+            # Arrays, since of lists the message looks at each number.
+            positions=float64_field(position),
+            velocities=float64_field(velocity),
+            accelerations=float64_field(acceleration),
+            time_from_start=duration_to_msg(seconds),
         )
         for seconds, position, velocity, acceleration in zip(
-            trajectory.times,
-            trajectory.positions.tolist(),
-            trajectory.velocities.tolist(),
-            trajectory.accelerations.tolist(),
+            trajectory.times.tolist(),
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
             strict=True,
         )
     ]

@@ -36,14 +36,16 @@ from bsp_informed_planner.nodes.planner_info import describe_robot, first_of
 from bsp_informed_planner.nodes.planner_parameters import PlannerParameters
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.remote_guidance import InferenceUnavailableError, RemoteGuide
+from bsp_informed_planner.nodes.robot_preparation import RobotPreparation
 from bsp_informed_planner.nodes.robot_source import RobotSource
 from bsp_informed_planner.nodes.world import World, WorldTracker
-from bsp_informed_planner.planning.planner import PreparedPlan
-from bsp_informed_planner.planning.problem import PLANNER_IDS, PlanResult
+from bsp_informed_planner.planning.planner import Planner, PreparedPlan
+from bsp_informed_planner.planning.problem import PLANNER_IDS, JointGoal, PlanningProblem, PlanOptions, PlanResult
 from bsp_informed_planner.planning.search import Progress
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.guide import EXACT, GUIDES, SAMPLER_IDS
+from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.visualization.markers import plan_markers
 
 logger = logging.getLogger(__name__)
@@ -51,6 +53,8 @@ logger = logging.getLogger(__name__)
 
 #: How long a plan waits for a scene revision that its client has heard of before this node has [s].
 SCENE_PATIENCE = 1.0
+#: Time of the plan that a new robot is tried out with [s].
+WARM_UP_SECONDS = 1.0
 #: Between two sets of markers [s].
 MARKER_PERIOD = 0.1
 #: How long the result of an action is kept for a client that has not asked for it yet [s].
@@ -75,11 +79,14 @@ class PlannerNode(PlannerSuiteNode):
         self._joints = JointStateCache(self._settings.joint_state_max_age)
         self._failures = 0
         self._in_flight = 0
+        self._last_answer = 0.0
         self._records = FailureRecords(self._settings.save_problem_on_failure)
         self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
-        self._robot_source = RobotSource(self, self._settings, self._world.set_robot, self.note_error)
+        preparation = RobotPreparation(self._world, _try_out, self.note_error)
+        self.release_with(preparation.close)
+        self._robot_source = RobotSource(self, self._settings, preparation.submit, self.note_error)
         self.release_with(self._robot_source.close)
         self._guide = RemoteGuide(self, self._settings.inference_timeout)
         self.release_with(self._guide.close)
@@ -133,13 +140,14 @@ class PlannerNode(PlannerSuiteNode):
         while self._in_flight and time.monotonic() < end:
             time.sleep(0.01)
         # The last answer is sent right after its coroutine has ended, by a thread that may have to wait for a core.
-        time.sleep(SENDING_SECONDS)
+        time.sleep(max(self._last_answer + SENDING_SECONDS - time.monotonic(), 0.0))
 
     def diagnostic_values(self) -> dict[str, object]:
         return {
             "scene_epoch": self._world.epoch,
             "scene_revision": self._world.revision,
             "robot": self._world.robot_name,
+            "preparation": self._world.preparation,
             "model": self._settings.sampler_id,
             "plans_in_flight": self._in_flight,
             "failures": self._failures,
@@ -209,6 +217,7 @@ class PlannerNode(PlannerSuiteNode):
             )
         finally:
             self._in_flight -= 1
+            self._last_answer = time.monotonic()
 
     def _plan(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
@@ -316,6 +325,14 @@ class PlannerNode(PlannerSuiteNode):
             scene_epoch=self._world.epoch if world is None else world.epoch,
             scene_revision=self._world.revision if world is None else world.revision,
         )
+
+
+def _try_out(planner: Planner, problem: ScenarioProblem) -> None:
+    """One plan of a robot that is new, with guidance: the next is as fast as it can be."""
+    planner.get_ready()
+    goals = [JointGoal(goal) for goal in problem.goals]
+    options = PlanOptions("rrt_star", EXACT, allowed_seconds=WARM_UP_SECONDS, first_solution=True, seed=1)
+    planner.plan(PlanningProblem(problem.start, goals), options)
 
 
 def _with_reason(guidance: Guidance, reason: str) -> Guidance:

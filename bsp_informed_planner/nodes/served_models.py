@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
+from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 from bsp_informed_planner.nodes.world import World
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
-from bsp_informed_planner.sampling.guide import GuideSetting
-from bsp_informed_planner.sampling.scene_guides import SceneGuides, load_models
+from bsp_informed_planner.sampling.guide import EXACT, GUIDES, GuideSetting
+from bsp_informed_planner.sampling.scene_guides import SceneGuides, load_guide
 
 logger = logging.getLogger(__name__)
+
+#: Sampler ids of baselines whose networks run in torch for every robot.
+TORCH_BASELINES = ("cvae_shortest_path",)
 
 
 class ServedModels:
@@ -24,6 +30,7 @@ class ServedModels:
     def __init__(self, folder: str | None) -> None:
         self._folder = folder
         self._lock = threading.Lock()
+        self._loaded: WeakKeyDictionary[Robot, list[str]] = WeakKeyDictionary()
         self._made: tuple[World, KeypointGuideOptions, SceneGuides] | None = None
 
     def require_sound(self) -> None:
@@ -39,14 +46,32 @@ class ServedModels:
             return
         require_sound_models(self._folder)
 
-    def load(self, robot: Robot) -> None:
+    def load(self, robot: Robot, default: str) -> None:
         """Load the models of a robot, for all scenes to come.
+
+        Args:
+            robot: the robot.
+            default: sampler id of requests that name none. A baseline that alone needs torch is not loaded unless it
+                is this one: it takes seconds, and is asked for by experiments only.
 
         Raises:
             ModelError: if a file does not hold what its card says.
         """
-        for reason in load_models(robot, self._folder):
-            logger.info(reason)
+        self._loaded[robot] = [EXACT]
+        # Baselines last: they are loaded if torch has been, for another model.
+        for sampler_id in sorted(set(GUIDES) - {EXACT}, key=lambda name: name in TORCH_BASELINES):
+            if sampler_id in TORCH_BASELINES and sampler_id != default and "torch" not in sys.modules:
+                logger.info("%s: loaded when it is first asked for", sampler_id)
+                continue
+            reason = load_guide(sampler_id, robot, self._folder)
+            if reason:
+                logger.info(reason)
+            else:
+                self._loaded[robot].append(sampler_id)
+
+    def loaded(self, robot: Robot) -> Sequence[str]:
+        """Sampler ids of the models that have been loaded for a robot, and of exact keypoints."""
+        return self._loaded.get(robot, [EXACT])
 
     def guides(self, world: World, options: KeypointGuideOptions) -> SceneGuides:
         """The guides of a scene."""

@@ -14,9 +14,11 @@ from rclpy.lifecycle import LifecycleNode
 from bsp_informed_planner.collision.holding import HoldingRobot
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.errors import (
+    BspPlannerError,
     EmptySceneError,
     PlanningCancelledError,
     RobotDescriptionError,
+    RobotNotReadyError,
     SceneEpochError,
     SceneRefusedError,
     SceneRevisionError,
@@ -25,6 +27,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.graph_conversions import decomposition_from_msg
+from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg
@@ -33,6 +36,9 @@ from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.diff import SceneDiff, apply
 from bsp_informed_planner.scene.scene import Scene
+
+#: Least time between the preparations of two scenes [s]: fast sources must not keep the interpreter from plans.
+PREPARATION_PERIOD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +96,8 @@ class WorldTracker:
     """Follows `scene`, `keypoint_graph` and `scene_status`.
 
     The status says which epoch is in force. A scene of another one is not trusted: its owner has been restarted since,
-    and does not know it.
+    and does not know it. What plans need of a scene is made when it comes, in a thread, so that the first request finds
+    it there; of scenes that come faster than that, the newest.
 
     Args:
         node: subscribes.
@@ -102,6 +109,8 @@ class WorldTracker:
         self.allow_empty_scene = allow_empty_scene
         self._lock = threading.Condition()
         self._robot: Robot | None = None
+        # Name of a robot that is being prepared, and how much of that is done.
+        self._expected: tuple[str, float] | None = None
         self._ompl_workers: OmplWorkers | None = None
         self._status: SceneStatus | None = None
         # With their epochs, in whatever order the topics deliver them.
@@ -110,6 +119,9 @@ class WorldTracker:
         # Epoch of a newest scene that could not be read here, and why.
         self._unreadable = (0, "")
         self._world: World | None = None
+        self._making = threading.Lock()
+        self._prepared: World | None = None
+        self._worker = NewestFirstWorker(self._prepare, "world", pause=PREPARATION_PERIOD)
         group = MutuallyExclusiveCallbackGroup()
         self._subscriptions = [
             node.create_subscription(kind, topic, callback, LATCHED, callback_group=group)
@@ -124,13 +136,24 @@ class WorldTracker:
         """Stop following."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
+        self._worker.stop()
+
+    def expect_robot(self, name: str, share: float) -> None:
+        """Say, instead of planning, that a robot is being prepared, and how much of that is done."""
+        self._expected = name, share
+
+    def expect_no_robot(self) -> None:
+        """Go on with the robot before, if there is one."""
+        self._expected = None
 
     def set_robot(self, robot: Robot) -> None:
         """Plan for this robot from now on."""
         with self._lock:
             self._robot = robot
+            self._expected = None
             self._ompl_workers = OmplWorkers(robot)
             self._world = None
+        self._worker.submit(None)
 
     @property
     def robot(self) -> Robot:
@@ -138,7 +161,10 @@ class WorldTracker:
 
         Raises:
             RobotDescriptionError: if none is known yet.
+            RobotNotReadyError: if one is being prepared.
         """
+        if self._expected is not None:
+            raise RobotNotReadyError(*self._expected)
         if self._robot is None:
             raise RobotDescriptionError("no robot yet: set parameter `robot_description` or publish robot_description")
         return self._robot
@@ -147,6 +173,11 @@ class WorldTracker:
     def robot_name(self) -> str:
         """Empty if none is known yet."""
         return "" if self._robot is None else self._robot.name
+
+    @property
+    def preparation(self) -> str:
+        """What is said of a robot that is being prepared; empty if none is."""
+        return "" if self._expected is None else "bounds of {}: {:.0%}".format(*self._expected)
 
     @property
     def epoch(self) -> int:
@@ -175,7 +206,7 @@ class WorldTracker:
             cancelled: asked while waiting.
 
         Raises:
-            RobotDescriptionError: no robot is known yet.
+            RobotDescriptionError, RobotNotReadyError: no robot is known yet, or it is being prepared.
             SceneUnavailableError: no scene has arrived yet, or the node that owns it is gone.
             SceneRefusedError: the newest scene message was refused.
             SceneEpochError, SceneRevisionError: another scene is in force.
@@ -183,6 +214,7 @@ class WorldTracker:
             UnknownFrameError: the scene is not given in the root frame of the robot.
             PlanningCancelledError: cancelled while waiting.
         """
+        _ = self.robot
         if (epoch, revision) > (0, 0):
             self._wait_for(epoch, revision, wait_seconds, cancelled)
         with self._lock:
@@ -208,11 +240,29 @@ class WorldTracker:
             if decomposition is not None and decomposition.scene_revision != scene.revision:
                 decomposition = None
         # Outside of the lock: a large scene takes a while, in which the subscriptions must go on.
-        world = World(Planner(robot, scene, decomposition=decomposition, ompl_workers=workers), epoch)
-        with self._lock:
-            if self._scene is not None and self._scene[1] is scene and self.epoch == epoch and self._robot is robot:
-                self._world = world
+        with self._making:
+            with self._lock:
+                made = self._world
+                if made is not None and made.scene is scene and made.epoch == epoch and made.bare_robot is robot:
+                    return made
+            world = World(Planner(robot, scene, decomposition=decomposition, ompl_workers=workers), epoch)
+            with self._lock:
+                if self._scene is not None and self._scene[1] is scene and self.epoch == epoch and self._robot is robot:
+                    self._world = world
         return world
+
+    def _prepare(self, _: None) -> None:
+        """In the worker's thread: what the first plan on the scene in force needs."""
+        try:
+            world = self.current()
+            if world is not self._prepared:
+                self._prepared = world
+                world.planner.get_ready(decompose=False)
+        except BspPlannerError:
+            # Whoever asks for a plan is told why there is none.
+            return
+        except Exception as error:  # noqa: BLE001 -- the worker must go on
+            self._node.get_logger().error(f"scene {self.revision}: {error}")
 
     def _trusted_scene(self, epoch: int) -> Scene:
         status = self._status
@@ -272,6 +322,7 @@ class WorldTracker:
             self._unreadable = (0, "")
             self._world = None
             self._lock.notify_all()
+        self._worker.submit(None)
 
     def _distrust(self, epoch: int, reason: str) -> None:
         self._node.get_logger().error(reason)
@@ -290,6 +341,7 @@ class WorldTracker:
             self._decomposition = (int(message.scene_epoch), decomposition)
             if self._world is not None and self._world.revision == message.scene_revision:
                 self._world = None
+        self._worker.submit(None)
 
     def _on_status(self, message: SceneStatus) -> None:
         with self._lock:
@@ -297,3 +349,4 @@ class WorldTracker:
                 self._world = None
             self._status = message
             self._lock.notify_all()
+        self._worker.submit(None)

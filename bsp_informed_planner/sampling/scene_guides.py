@@ -21,7 +21,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
-from bsp_informed_planner.sampling.guide import EXACT, GUIDES, Guide, GuideSetting, LearningGuide, make_guide
+from bsp_informed_planner.sampling.guide import EXACT, Guide, GuideSetting, LearningGuide, make_guide
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene, WorkspaceBounds
 
@@ -105,27 +105,24 @@ class SceneGuides:
         return guidance
 
 
-def load_models(robot: Robot, folder: str | None = None) -> list[str]:
-    """Load the models of all guides for a robot, so that no plan has to wait: guides made later find them read.
+def load_guide(sampler_id: str, robot: Robot, folder: str | None = None) -> str:
+    """Load the model of a guide for a robot, so that no plan has to wait: guides made later find it read.
 
     Args:
-        robot: whose models they are.
+        sampler_id: of the guide.
+        robot: whose model it is.
         folder: of models; None: those that come with the package.
 
     Returns:
-        for each guide that cannot be made, the reason.
+        why the guide cannot be made; empty if it can.
 
     Raises:
         ModelError: if a file does not hold what its card says.
     """
     # Guides look at the scene when they are asked for guidance, and read their models before.
     scene = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame)
-    reasons = []
-    for sampler_id in GUIDES:
-        if sampler_id == EXACT:
-            continue
-        try:
-            make_guide(sampler_id, GuideSetting(robot, scene, lambda: decompose(scene), models=folder))
-        except (ModelUnavailableError, MissingPackageError) as error:
-            reasons.append(f"{sampler_id}: {error}")
-    return reasons
+    try:
+        make_guide(sampler_id, GuideSetting(robot, scene, lambda: decompose(scene), models=folder))
+    except (ModelUnavailableError, MissingPackageError) as error:
+        return f"{sampler_id}: {error}"
+    return ""

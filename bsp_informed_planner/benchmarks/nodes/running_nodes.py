@@ -24,6 +24,8 @@ from bsp_informed_planner.nodes.lifecycle import SWITCH_SECONDS, PlannerSuiteNod
 from bsp_informed_planner.nodes.planner_node import PlannerNode
 
 START_SECONDS = 120.0
+#: Where nodes may run.
+WHERE = ("one process", "processes")
 NodeParameters = Mapping[str, Mapping[str, object]]
 _numbers = itertools.count()
 

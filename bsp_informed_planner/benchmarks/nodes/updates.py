@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Row
 from bsp_informed_planner.benchmarks.decomposition.scenes import shelf_of_boxes
 from bsp_informed_planner.benchmarks.nodes.running_nodes import (
+    WHERE,
     node_parameters,
     nodes_as_processes,
     nodes_in_this_process,
@@ -29,7 +30,6 @@ from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
 
 LIMIT = 20.0
-WHERE = ("one process", "processes")
 
 
 def updates_part(quick: bool) -> Part:
