@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from bsp_informed_planner_msgs.msg import ObstacleScene, PlanResponse
-from bsp_informed_planner_msgs.srv import GetPlannerInfo
+from bsp_informed_planner_msgs.msg import ObstacleScene, PlanRequest, PlanResponse
+from bsp_informed_planner_msgs.srv import GetPlannerInfo, Plan
 from rosgraph_msgs.msg import Clock
 from suite import (
     LONG,
@@ -142,6 +142,16 @@ def test_information_is_given_while_plans_run(suite: Suite) -> None:
         goal.cancel_goal_async()
     assert [outcome_of(client, goal).error_code for goal in goals] == [ErrorCode.PREEMPTED] * 4
     action.destroy()
+
+
+def test_an_answer_waits_for_a_client_that_is_slow_to_read(suite: Suite) -> None:
+    """All clients read the same topic of answers: those to others must not push out one's own."""
+    slow, quick = ready_client(suite), suite.client()
+    quick.wait_for_nodes(PATIENCE)
+    answer = slow._plan.call_async(Plan.Request(request=PlanRequest(planner_id="none")))
+    for _ in range(40):
+        assert quick.plan(PlanRequest(planner_id="none"), PATIENCE).error_code != ErrorCode.SUCCESS
+    spin_until(slow, answer.done, "its answer was lost")
 
 
 def test_clocks_may_jump() -> None:

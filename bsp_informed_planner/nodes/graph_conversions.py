@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
-from bsp_informed_planner_msgs.msg import KeypointGraph, Portal
-from geometry_msgs.msg import Point as PointMsg
-from geometry_msgs.msg import Point32
-from numpy.typing import NDArray
+from bsp_informed_planner_msgs.msg import KeypointGraph
 
 from bsp_informed_planner.decomposition.decomposition import Decomposition, DecompositionTimings
 from bsp_informed_planner.nodes.arrays import float64_field, int32_field, uint32_field
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
-from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import WorkspaceBounds
 
 
@@ -32,18 +26,10 @@ def graph_to_msg(decomposition: Decomposition, with_edges: bool) -> KeypointGrap
     message.node_front = int32_field(decomposition.node_front)
     message.node_back = int32_field(decomposition.node_back)
     message.node_solid = decomposition.node_solid.tolist()
-    offsets = decomposition.portal_offsets
-    message.portals = [
-        Portal(
-            corners=[Point32(x=x, y=y, z=z) for x, y, z in decomposition.portal_corners[begin:end].tolist()],
-            front_cell=int(front),
-            back_cell=int(back),
-        )
-        for (begin, end), (front, back) in zip(
-            itertools.pairwise(offsets.tolist()), decomposition.portal_cells, strict=True
-        )
-    ]
-    message.candidates = [PointMsg(x=x, y=y, z=z) for x, y, z in decomposition.candidates.tolist()]
+    message.portal_corners = float64_field(decomposition.portal_corners)
+    message.portal_offsets = uint32_field(decomposition.portal_offsets)
+    message.portal_cells = uint32_field(decomposition.portal_cells)
+    message.candidates = float64_field(decomposition.candidates)
     message.candidate_portals = uint32_field(decomposition.candidate_portals)
     message.candidate_clearances = float64_field(decomposition.candidate_clearances)
     message.clearance_cap = float(decomposition.clearance_cap)
@@ -60,7 +46,6 @@ def graph_to_msg(decomposition: Decomposition, with_edges: bool) -> KeypointGrap
 
 def decomposition_from_msg(message: KeypointGraph) -> Decomposition:
     """The decomposition that a message holds."""
-    corners = [[(corner.x, corner.y, corner.z) for corner in portal.corners] for portal in message.portals]
     lower, upper = message.workspace_min, message.workspace_max
     return Decomposition(
         dimension=int(message.dimension),
@@ -69,10 +54,10 @@ def decomposition_from_msg(message: KeypointGraph) -> Decomposition:
         node_front=np.array(message.node_front, dtype=np.int64),
         node_back=np.array(message.node_back, dtype=np.int64),
         node_solid=np.array(message.node_solid, dtype=np.bool_),
-        portal_corners=_points(itertools.chain.from_iterable(corners)),
-        portal_offsets=np.concatenate(([0], np.cumsum([len(polygon) for polygon in corners], dtype=np.int64))),
-        portal_cells=_pairs([(portal.front_cell, portal.back_cell) for portal in message.portals]),
-        candidates=_points((point.x, point.y, point.z) for point in message.candidates),
+        portal_corners=np.array(message.portal_corners, dtype=np.float64).reshape(-1, 3),
+        portal_offsets=np.array(message.portal_offsets, dtype=np.int64),
+        portal_cells=np.array(message.portal_cells, dtype=np.int64).reshape(-1, 2),
+        candidates=np.array(message.candidates, dtype=np.float64).reshape(-1, 3),
         candidate_portals=np.array(message.candidate_portals, dtype=np.int64),
         candidate_clearances=np.array(message.candidate_clearances, dtype=np.float64),
         clearance_cap=float(message.clearance_cap),
@@ -85,11 +70,3 @@ def decomposition_from_msg(message: KeypointGraph) -> Decomposition:
             graph_seconds=message.graph_seconds,
         ),
     )
-
-
-def _points(points: object) -> FloatArray:
-    return np.array(list(points), dtype=np.float64).reshape(-1, 3)  # type: ignore[call-overload]
-
-
-def _pairs(pairs: list[tuple[int, int]]) -> NDArray[np.int64]:
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)

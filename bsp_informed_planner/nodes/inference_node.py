@@ -28,6 +28,7 @@ from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
 from bsp_informed_planner.nodes.parameters import parameter
+from bsp_informed_planner.nodes.qos import SERVICES
 from bsp_informed_planner.nodes.robot_preparation import RobotPreparation
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
 from bsp_informed_planner.nodes.served_models import ServedModels
@@ -88,7 +89,9 @@ class InferenceNode(PlannerSuiteNode):
             (EstimateKeypoints, "estimate_keypoints", self._on_estimate),
             (SampleConfigurations, "sample_configurations", self._on_sample),
         ):
-            service = self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
+            service = self.create_service(
+                kind, name, callback, qos_profile=SERVICES, callback_group=MutuallyExclusiveCallbackGroup()
+            )
             self.release_with(self.destroy_service, service)
 
     @property

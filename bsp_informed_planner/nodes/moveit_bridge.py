@@ -24,7 +24,7 @@ from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.moveit_conversions import MoveItScene, request_from_moveit, response_to_moveit
 from bsp_informed_planner.nodes.parameters import parameter
-from bsp_informed_planner.nodes.qos import LATCHED, UPDATES
+from bsp_informed_planner.nodes.qos import LATCHED, SERVICES, UPDATES
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
 from bsp_informed_planner.nodes.scene_keeper import SceneKeeper
@@ -145,10 +145,10 @@ class MoveItBridgeNode(PlannerSuiteNode):
         )
         self.release_with(self.destroy_subscription, joint_states)
         reentrant = ReentrantCallbackGroup()
-        self._plan = self.create_client(Plan, "plan", callback_group=reentrant)
+        self._plan = self.create_client(Plan, "plan", qos_profile=SERVICES, callback_group=reentrant)
         self.release_with(self.destroy_client, self._plan)
         service = self.create_service(
-            services.GetMotionPlan, "plan_kinematic_path", self._on_plan, callback_group=reentrant
+            services.GetMotionPlan, "plan_kinematic_path", self._on_plan, qos_profile=SERVICES, callback_group=reentrant
         )
         self.release_with(self.destroy_service, service)
 

@@ -34,7 +34,7 @@ from bsp_informed_planner.nodes.plan_conversions import (
 from bsp_informed_planner.nodes.plan_jobs import PlanJobs
 from bsp_informed_planner.nodes.planner_info import describe_robot, first_of
 from bsp_informed_planner.nodes.planner_parameters import PlannerParameters
-from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.nodes.qos import LATCHED, SERVICES
 from bsp_informed_planner.nodes.remote_guidance import InferenceUnavailableError, RemoteGuide
 from bsp_informed_planner.nodes.robot_preparation import RobotPreparation
 from bsp_informed_planner.nodes.robot_source import RobotSource
@@ -105,7 +105,7 @@ class PlannerNode(PlannerSuiteNode):
         )
         self.release_with(self.destroy_subscription, joint_states)
         group = ReentrantCallbackGroup()
-        service = self.create_service(Plan, "plan", self._on_plan, callback_group=group)
+        service = self.create_service(Plan, "plan", self._on_plan, qos_profile=SERVICES, callback_group=group)
         self.release_with(self.destroy_service, service)
         action = ActionServer(
             self,
@@ -115,9 +115,14 @@ class PlannerNode(PlannerSuiteNode):
             callback_group=group,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=RESULT_TIMEOUT,
+            goal_service_qos_profile=SERVICES,
+            result_service_qos_profile=SERVICES,
+            cancel_service_qos_profile=SERVICES,
         )
         self.release_with(action.destroy)
-        info = self.create_service(GetPlannerInfo, "get_planner_info", self._on_get_planner_info, callback_group=group)
+        info = self.create_service(
+            GetPlannerInfo, "get_planner_info", self._on_get_planner_info, qos_profile=SERVICES, callback_group=group
+        )
         self.release_with(self.destroy_service, info)
         # Released first: every request is answered while the services are still there.
         self._jobs: PlanJobs[PlanResponse] = PlanJobs(self._settings.workers, self._settings.queue_size)

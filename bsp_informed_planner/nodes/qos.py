@@ -1,4 +1,4 @@
-"""Quality of service of the topics."""
+"""Quality of service of the topics and services."""
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -24,6 +24,15 @@ LATCHED_UPDATES = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+#: Requests and answers. All clients of a service read the same topic of answers, each with a history of this depth:
+#: with the default of ten, answers to others would push out one's own, which nobody would send again.
+SERVICES = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
 )
 
 #: Point clouds: only the newest matters, and cameras publish them as sensor data.

@@ -17,6 +17,7 @@ from bsp_informed_planner.errors import PlanningCancelledError
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
+from bsp_informed_planner.nodes.qos import SERVICES
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -46,8 +47,12 @@ class RemoteGuide:
         group = ReentrantCallbackGroup()
         self._node = node
         self.timeout = timeout
-        self._estimate = node.create_client(EstimateKeypoints, "estimate_keypoints", callback_group=group)
-        self._sample = node.create_client(SampleConfigurations, "sample_configurations", callback_group=group)
+        self._estimate = node.create_client(
+            EstimateKeypoints, "estimate_keypoints", qos_profile=SERVICES, callback_group=group
+        )
+        self._sample = node.create_client(
+            SampleConfigurations, "sample_configurations", qos_profile=SERVICES, callback_group=group
+        )
 
     def close(self) -> None:
         """Destroy the clients."""

@@ -232,24 +232,29 @@ class WorldTracker:
                 )
             if scene.frame != robot.root_frame:
                 raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
-            if self._world is not None:
+            epoch, workers = self.epoch, self._ompl_workers
+            decomposition = self._decomposition_of(epoch, scene)
+            if self._world is not None and (decomposition is None or self._world.planner.adopt(decomposition)):
                 return self._world
-            epoch, workers, decomposition = self.epoch, self._ompl_workers, None
-            if self._decomposition is not None and self._decomposition[0] == epoch:
-                decomposition = self._decomposition[1]
-            if decomposition is not None and decomposition.scene_revision != scene.revision:
-                decomposition = None
         # Outside of the lock: a large scene takes a while, in which the subscriptions must go on.
         with self._making:
             with self._lock:
                 made = self._world
-                if made is not None and made.scene is scene and made.epoch == epoch and made.bare_robot is robot:
+                is_made = made is not None and made.scene is scene and made.epoch == epoch and made.bare_robot is robot
+                if made is not None and is_made and (decomposition is None or made.planner.adopt(decomposition)):
                     return made
             world = World(Planner(robot, scene, decomposition=decomposition, ompl_workers=workers), epoch)
             with self._lock:
                 if self._scene is not None and self._scene[1] is scene and self.epoch == epoch and self._robot is robot:
                     self._world = world
         return world
+
+    def _decomposition_of(self, epoch: int, scene: Scene) -> Decomposition | None:
+        """That of `keypoint_graph`, if it has come."""
+        if self._decomposition is None or self._decomposition[0] != epoch:
+            return None
+        decomposition = self._decomposition[1]
+        return decomposition if decomposition.scene_revision == scene.revision else None
 
     def _prepare(self, _: None) -> None:
         """In the worker's thread: what the first plan on the scene in force needs."""
@@ -339,8 +344,6 @@ class WorldTracker:
             return
         with self._lock:
             self._decomposition = (int(message.scene_epoch), decomposition)
-            if self._world is not None and self._world.revision == message.scene_revision:
-                self._world = None
         self._worker.submit(None)
 
     def _on_status(self, message: SceneStatus) -> None:

@@ -148,16 +148,12 @@ class Planner:
             raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
         if not robot.collision_model.ngeoms:
             raise RobotDescriptionError(f"robot '{robot.name}' has no collision geometry: nothing could be checked")
-        if decomposition is not None:
-            of = (decomposition.dimension, decomposition.frame, decomposition.scene_revision)
-            if of != (robot.workspace_dimension, scene.frame, scene.revision):
-                raise InvalidOptionError(
-                    "decomposition", of, f"dimension {robot.workspace_dimension}, frame and revision of the scene"
-                )
         ensure_compiled()
         self.robot = robot_in_scene(robot, scene)
         self.scene = scene
-        self._decomposition = decomposition
+        self._decomposition: Decomposition | None = None
+        if decomposition is not None:
+            self.adopt(decomposition)
         self._decomposition_options = decomposition_options or DecompositionOptions(dimension=robot.workspace_dimension)
         options = guide_options or KeypointGuideOptions()
         self._guides = SceneGuides(GuideSetting(self.robot, scene, lambda: self.decomposition, options, models))
@@ -174,6 +170,21 @@ class Planner:
         if self._decomposition is None:
             self._decomposition = decompose(self.scene, self._decomposition_options)
         return self._decomposition
+
+    def adopt(self, decomposition: Decomposition) -> bool:
+        """Use a decomposition of the scene that was made elsewhere. False if there is another one already.
+
+        Raises:
+            InvalidOptionError: if it is of another scene, or of another dimension than the robot's.
+        """
+        of = (decomposition.dimension, decomposition.frame, decomposition.scene_revision)
+        if of != (self.robot.workspace_dimension, self.scene.frame, self.scene.revision):
+            raise InvalidOptionError(
+                "decomposition", of, f"dimension {self.robot.workspace_dimension}, frame and revision of the scene"
+            )
+        if self._decomposition is None:
+            self._decomposition = decomposition
+        return self._decomposition is decomposition
 
     def get_ready(self, threads: int = 1, *, decompose: bool = True) -> None:
         """Make what the first plan would make and all later ones use: some milliseconds that need not be a plan's.
