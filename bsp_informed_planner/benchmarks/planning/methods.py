@@ -271,7 +271,9 @@ def warm_up(problem: ShelfProblem) -> None:
     A problem that is unsolvable warms up as well.
     """
     run = Run(problem, 0, 0.05, True)
-    _plan(planner_of(problem), run, planner_id="anytime")
+    for sampler_id in ("keypoint_tube", "learned"):
+        # Without a head start: else guidance might be made, and what it needs loaded, in a run that counts.
+        _plan(planner_of(problem), run, planner_id="anytime", sampler_id=sampler_id, head_start=0)
     if has_ompl():
         _plan(planner_of(problem), run, planner_id="ompl_rrt_connect", sampler_id="uniform")
 
