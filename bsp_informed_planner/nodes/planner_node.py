@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
@@ -50,7 +51,6 @@ from bsp_informed_planner.visualization.markers import plan_markers
 
 logger = logging.getLogger(__name__)
 
-
 #: How long a plan waits for a scene revision that its client has heard of before this node has [s].
 SCENE_PATIENCE = 1.0
 #: Time of the plan that a new robot is tried out with [s].
@@ -61,6 +61,16 @@ MARKER_PERIOD = 0.1
 RESULT_TIMEOUT = 30
 #: How long a node that is cleaned up waits for its last answers to be made, and then for the last to be sent [s].
 ANSWER_SECONDS, SENDING_SECONDS = 5.0, 0.25
+#: Head start of an answer before others are told of the plan [s]: all of it goes through one interpreter.
+ANSWER_FIRST = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The answer to a request, and the plan that it tells of, if there is one."""
+
+    response: PlanResponse
+    plan: tuple[Robot, PlanResult] | None = None
 
 
 class PlannerNode(PlannerSuiteNode):
@@ -96,6 +106,8 @@ class PlannerNode(PlannerSuiteNode):
         self.release_with(self.destroy_publisher, self._marker_publisher)
         self._markers = NewestFirstWorker(self._publish_markers, "markers", pause=MARKER_PERIOD)
         self.release_with(self._markers.stop)
+        self._publications = ThreadPoolExecutor(1, "publications")
+        self.release_with(self._publications.shutdown)
         joint_states = self.create_subscription(
             JointState,
             "joint_states",
@@ -125,7 +137,7 @@ class PlannerNode(PlannerSuiteNode):
         )
         self.release_with(self.destroy_service, info)
         # Released first: every request is answered while the services are still there.
-        self._jobs: PlanJobs[PlanResponse] = PlanJobs(self._settings.workers, self._settings.queue_size)
+        self._jobs: PlanJobs[Answer] = PlanJobs(self._settings.workers, self._settings.queue_size)
         self.release_with(self._finish_jobs)
 
     @property
@@ -214,19 +226,22 @@ class PlannerNode(PlannerSuiteNode):
 
         self._in_flight += 1
         try:
-            return await self._jobs.submit(
+            answer = await self._jobs.submit(
                 self.executor,
                 lambda: self._plan(request, ended, on_progress),
-                lambda error: self._refusal(error, request, None),
+                lambda error: Answer(self._refusal(error, request, None)),
                 cancelled,
             )
         finally:
             self._in_flight -= 1
             self._last_answer = time.monotonic()
+        if answer.plan is not None:
+            self._publications.submit(self._publish, answer)
+        return answer.response
 
     def _plan(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
-    ) -> PlanResponse:
+    ) -> Answer:
         """One plan, in a worker thread. Never raises."""
         begin = time.monotonic()
         try:
@@ -236,7 +251,7 @@ class PlannerNode(PlannerSuiteNode):
 
     def _answer(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
-    ) -> PlanResponse:
+    ) -> Answer:
         world = problem = options = plan = None
         try:
             self.require_active()
@@ -257,16 +272,23 @@ class PlannerNode(PlannerSuiteNode):
             saved = self._records.save(error, world, problem, options, None if plan is None else plan.seed)
             if saved is not None:
                 self.get_logger().info(f"problem saved: bsp-planner plan {saved}")
-            return self._refusal(error, request, world)
+            return Answer(self._refusal(error, request, world))
         response = response_from_result(result, world.robot)
         response.scene_epoch = world.epoch
         response.error_code = int(ErrorCode.SUCCESS)
         response.message = self._summary(result)
         self.get_logger().info(response.message)
-        self._trajectory_publisher.publish(response.trajectory)
-        if self._settings.publish_markers:
-            self._markers.submit((world.robot, result))
-        return response
+        return Answer(response, (world.robot, result))
+
+    def _publish(self, answer: Answer) -> None:
+        """In a thread of its own, in the order of answers: what others are told of a plan."""
+        time.sleep(ANSWER_FIRST)
+        try:
+            self._trajectory_publisher.publish(answer.response.trajectory)
+        except Exception as error:  # noqa: BLE001 -- the next one may be published
+            self.note_error(f"trajectory: {error}")
+        if answer.plan is not None and self._settings.publish_markers:
+            self._markers.submit(answer.plan)
 
     def _publish_markers(self, item: tuple[Robot, PlanResult]) -> None:
         """In a thread of their own, when the answer is on its way: markers are for people."""
