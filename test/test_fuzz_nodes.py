@@ -66,7 +66,7 @@ def test_requests(suite: Suite) -> None:
     for _ in range(CASES):
         request = random_request(rng)
         request.allowed_planning_time = min(request.allowed_planning_time, 0.05)
-        response = planner._plan(request, lambda: False, None)
+        response = planner._plan(request, lambda: False, None).response
         assert response.error_code not in (ErrorCode.CRASH, ErrorCode.FAILURE), (response.message, request)
         assert response.message
         codes.add(response.error_code)

@@ -232,12 +232,13 @@ class PlannerNode(PlannerSuiteNode):
                 lambda error: Answer(self._refusal(error, request, None)),
                 cancelled,
             )
+            if answer.plan is not None:
+                self._publications.submit(self._publish, answer)
+            response: PlanResponse = answer.response
+            return response
         finally:
             self._in_flight -= 1
             self._last_answer = time.monotonic()
-        if answer.plan is not None:
-            self._publications.submit(self._publish, answer)
-        return answer.response
 
     def _plan(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
