@@ -206,6 +206,7 @@ class ForeignInference:
     ("chain", "joints", "said"),
     [
         ([[0.2, 0.95], [0.5, 0.8], [0.9, 0.5]], 2, "starts elsewhere"),
+        ([[0.1, 0.5], [0.5, 1.2], [0.9, 0.5]], 2, "leaves the limits"),
         ([[0.1, 0.5], [np.nan, 0.8], [0.9, 0.5]], 2, "nonsense"),
         ([[0.1, 0.5, 0.0], [0.9, 0.5, 0.0]], 3, "nonsense"),
     ],

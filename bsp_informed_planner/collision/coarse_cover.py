@@ -46,8 +46,11 @@ def make_coarse_cover(bounds: CollisionBounds, radius: float = RADIUS, most: int
         leaves = outer.spheres[rows[outer.ends[rows] == rows + 1]].astype(np.float64)
         enclosing.append(enclosing_ball_of(leaves))
         clusters = [leaves]
-        while max(map(_spread, clusters)) > radius and len(clusters) < min(most, len(leaves)):
-            clusters = _clustered(leaves, len(clusters) + 1)
+        # Counted here: clusters that come out empty are left out, so their number may stay what it was.
+        for count in range(2, min(most, len(leaves)) + 1):
+            if max(map(_spread, clusters)) <= radius:
+                break
+            clusters = _clustered(leaves, count)
         own = [enclosing_ball_of(cluster) for cluster in clusters]
         balls.extend(own)
         carriers.extend([joint] * len(own))

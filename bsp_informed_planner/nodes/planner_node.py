@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from bsp_informed_planner_msgs.action import PlanMotion
@@ -233,7 +234,9 @@ class PlannerNode(PlannerSuiteNode):
                 cancelled,
             )
             if answer.plan is not None:
-                self._publications.submit(self._publish, answer)
+                # Of a node that is being cleaned up, the answer is all that is left to give.
+                with suppress(RuntimeError):
+                    self._publications.submit(self._publish, answer)
             response: PlanResponse = answer.response
             return response
         finally:

@@ -58,7 +58,12 @@ class RobotPreparation:
         with self._lock:
             self._newest = robot
         if bounds_at_hand(robot) is not None:
-            self._finish(robot)
+            try:
+                self._finish(robot)
+            except Exception:
+                # A robot before it, which was being prepared, is not waited for any more.
+                self._world.expect_no_robot()
+                raise
             return
         self._world.expect_robot(robot.name, 0.0)
         thread = threading.Thread(target=self._build, args=(robot,), name="bounds", daemon=True)
@@ -72,9 +77,10 @@ class RobotPreparation:
 
     def _build(self, robot: Robot) -> None:
         def progress(done: int, total: int) -> None:
-            if self._newest is not robot:
-                raise _SupersededError
-            self._world.expect_robot(robot.name, done / total)
+            with self._lock:
+                if self._newest is not robot:
+                    raise _SupersededError
+                self._world.expect_robot(robot.name, done / total)
             logger.info("bounds of %s: %.0f %%", robot.name, 100.0 * done / total)
 
         try:

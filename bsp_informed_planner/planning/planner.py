@@ -88,18 +88,20 @@ class PreparedPlan:
     search: Search
 
 
-def _fitting(guidance: Guidance, plan: PreparedPlan) -> Guidance:
-    """Guidance without the chains that do not lead from the start to one of the goals, with the reason."""
+def _fitting(guidance: Guidance, plan: PreparedPlan, robot: Robot) -> Guidance:
+    """Guidance without the chains that do not lead, within limits, from the start to a goal, with the reason."""
 
     def fits(configurations: FloatArray) -> bool:
         start, goal = configurations[0], configurations[-1]
-        return bool(np.array_equal(start, plan.start) and (goal == plan.goals).all(axis=1).any())
+        inside = (configurations >= robot.lower) & (configurations <= robot.upper)
+        return bool(np.array_equal(start, plan.start) and (goal == plan.goals).all(axis=1).any() and inside.all())
 
     chains = tuple(chain for chain in guidance.chains if fits(chain.configurations))
     if len(chains) == len(guidance.chains):
         return guidance
     foreign = len(guidance.chains) - len(chains)
-    reason = f"{foreign} of {len(guidance.chains)} chains dropped: a chain starts elsewhere, or ends at no goal"
+    why = "a chain starts elsewhere, ends at no goal, or leaves the limits"
+    reason = f"{foreign} of {len(guidance.chains)} chains dropped: {why}"
     logger.warning(reason)
     return replace(guidance, chains=chains, fallback_reason="; ".join(filter(None, (guidance.fallback_reason, reason))))
 
@@ -338,7 +340,7 @@ class Planner:
         options, budget, search = plan.options, plan.budget, plan.search
 
         def fitting() -> Guidance:
-            return _fitting(guidance if isinstance(guidance, Guidance) else guidance(), plan)
+            return _fitting(guidance if isinstance(guidance, Guidance) else guidance(), plan, self.robot)
 
         if options.planner_id in OMPL_PLANNER_IDS:
             path = self._ompl_path(plan)
