@@ -175,3 +175,10 @@ def test_warm_up_functions_exist() -> None:
     for target in compile_kernels.WARM_UPS.values():
         module, function = target.split(":")
         assert callable(getattr(importlib.import_module(module), function))
+
+
+def test_plans_wait_for_no_compiler() -> None:
+    """What the warm-ups do not call would be compiled during somebody's first plan, for a second or two."""
+    script = Path(__file__).parent / "kernels_of_plans.py"
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == []

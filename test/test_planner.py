@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fcl_checker import FclChecker
 
+from bsp_informed_planner.collision.bounds import FINEST
 from bsp_informed_planner.collision.certifier import Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.errors import (
@@ -25,6 +26,7 @@ from bsp_informed_planner.errors import (
     UnreachablePoseError,
 )
 from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions, PlanResult, PoseGoal
+from bsp_informed_planner.planning.judges import Judges
 from bsp_informed_planner.planning.path import interpolate, path_length
 from bsp_informed_planner.planning.problem import OMPL_PLANNER_IDS, PLANNER_IDS
 from bsp_informed_planner.planning.sampling_box import NEAR, near_bounds, sampling_bounds
@@ -185,6 +187,45 @@ def test_a_plan_of_so_many_samples_is_repeatable() -> None:
     first, second = (planner.plan(problem, options) for _ in range(2))
     assert np.array_equal(first.path, second.path)
     assert first.statistics.samples <= 3000
+
+
+def test_judges_forget_between_plans(arm: ArmRobot) -> None:
+    """What a judge remembers lets it look further within a plan's limits: the next plan would be another one."""
+    planner, problem = shelf_problem(arm, 2)
+    judges = Judges(arm, planner.scene, FINEST)
+    judge = judges.lend()
+    edge = problem.start, 0.9 * np.asarray(problem.start)
+    assert judge.certify(*edge, lambda: True) is judge.certify(*edge, lambda: True)
+    judges.give_back(judge)
+    again = judges.lend()
+    assert again is judge
+    # The work is done anew, and here not allowed.
+    assert again.certify(*edge, lambda: False) is Verdict.COLLIDING
+
+
+def test_a_refused_goal_keeps_no_judge(arm: ArmRobot) -> None:
+    planner, problem = shelf_problem(arm, 2)
+    judge = planner._judges.lend()
+    planner._judges.give_back(judge)
+    far = Pose.from_xyz_rpy([9.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    with pytest.raises(UnreachablePoseError):
+        planner.plan(PlanningProblem(problem.start, [PoseGoal(far)]))
+    assert planner._judges.lend() is judge
+
+
+@pytest.mark.parametrize("solved_first", [False, True])
+def test_a_failure_of_guidance_ends_both_threads(arm: ArmRobot, solved_first: bool) -> None:
+    planner, problem = shelf_problem(arm, 6) if solved_first else walled_in()
+    options = PlanOptions(allowed_seconds=30.0, seed=1, threads=2, head_start=100_000 if solved_first else 0)
+    plan = planner.prepare(problem, options)
+
+    def failing() -> Guidance:
+        raise ZeroDivisionError
+
+    begin = time.monotonic()
+    with pytest.raises(ZeroDivisionError):
+        planner.solve(plan, failing)
+    assert time.monotonic() - begin < 10.0
 
 
 def test_dear_joints_move_less() -> None:

@@ -89,6 +89,10 @@ class BoundedChecker:
         other._create_scratch()
         return other
 
+    def forget(self) -> None:
+        """Forget the verdicts on edges."""
+        self._known.clear()
+
     @property
     def judge(self) -> ExactChecker:
         if self._judge is None:

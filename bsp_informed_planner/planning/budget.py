@@ -74,6 +74,10 @@ class Budget:
             self.valid_samples += valid_samples
             self.edges_checked += edges
 
+    def end(self) -> None:
+        """Nothing is left from now on: for all threads, when one of them has failed."""
+        self._end = self._begin
+
     def check_cancelled(self) -> None:
         """Raises PlanningCancelledError if the caller has cancelled."""
         if self._cancelled():

@@ -62,9 +62,10 @@ class Judges:
         return self.make(padding, finest)
 
     def give_back(self, *judges: BoundedChecker) -> None:
-        """Takes back what was lent."""
+        """Takes back what was lent. What a judge remembers of edges goes: the next plan shall not hang on this one."""
         with self._lock:
             for judge in judges:
+                judge.forget()
                 key = judge.padding, judge.finest
                 if key not in self._idle and len(self._idle) >= MAX_JUDGES:
                     self._idle.clear()

@@ -288,8 +288,14 @@ class Planner:
             self._judges.lend(options.padding, search.verification_resolution) for _ in range(options.threads)
         )
         before = sum(judge.checks for judge in judges)
-        start = free_state(self.robot, judges[0], "start", problem.start)
-        goals = goal_configurations(self.robot, judges[0], problem, start, options.max_goals, budget.check_cancelled)
+        try:
+            start = free_state(self.robot, judges[0], "start", problem.start)
+            goals = goal_configurations(
+                self.robot, judges[0], problem, start, options.max_goals, budget.check_cancelled
+            )
+        except BaseException:
+            self._judges.give_back(*judges)
+            raise
         return PreparedPlan(start, goals, options, seed, judges, before, budget, search)
 
     def load_guide(self, sampler_id: str) -> None:

@@ -187,11 +187,18 @@ class Search:
                 self._work(worker, lambda: self._guidance or Guidance("uniform"), found)
             except BaseException as error:  # noqa: BLE001 -- raised again by the thread that waits
                 failures.append(error)
-                found.set()
+                give_up()
+
+        def give_up() -> None:
+            found.set()
+            self.budget.end()
 
         threads = [threading.Thread(target=beside, args=(worker,), daemon=True) for worker in workers[1:]]
         try:
             self._work(workers[0], guided, found)
+        except BaseException:
+            give_up()
+            raise
         finally:
             for thread in threads:
                 if thread.ident is not None:
@@ -205,7 +212,9 @@ class Search:
             self.record(path, "searching")
             found.set()
             self.record(worker.shortened(path, FIRST_SHORTCUTS), "searching")
-        if self._options.planner_id == "anytime" and not self._options.first_solution and found.is_set():
+        # Without a path, a thread that has failed says that it is over.
+        improvable = found.is_set() and self.incumbent.path is not None
+        if improvable and self._options.planner_id == "anytime" and not self._options.first_solution:
             self.report("improving")
             worker.improve(guidance, self._on_better)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
+from bsp_informed_planner.collision.solid_kernels import solid_angle_winding
 from bsp_informed_planner.planning.budget import Budget
 from bsp_informed_planner.planning.rrt_connect import RrtConnect
 from bsp_informed_planner.planning.rrt_star import RrtStar
@@ -25,8 +26,11 @@ def warm_up() -> None:
     scene = Scene.of([box], WorkspaceBounds(-np.ones(3), 2.0 * np.ones(3)))
     verdicts = BoundedChecker(robot, scene).verdicts
     start, goal, rng = np.array([0.1, 0.1]), np.array([0.9, 0.1]), np.random.default_rng(0)
+    verdicts.of_state(start)
     verdicts.of_states(start[None])
     verdicts.of_edges(start[None], goal[None])
+    verdicts.of_edge(start, goal)
+    solid_angle_winding(np.zeros(3), np.zeros((1, 3, 3)))
     space = new_space(start, goal, robot.lower, robot.upper, rng)
     budget = Budget(float("inf"))
     trees = RrtConnect(verdicts, space, 0.1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.robots.arm import load_arm
+from bsp_informed_planner.robots.windings import closest_windings
 
 _ARM = (
     '<robot name="warm_up"><link name="l0"/><link name="l1"><collision><geometry><sphere radius="0.1"/></geometry>'
@@ -14,8 +15,9 @@ _ARM = (
 
 
 def warm_up() -> None:
-    """Forward and inverse kinematics of an arm of one joint."""
+    """Forward and inverse kinematics of an arm of one joint, and its windings."""
     arm = load_arm(_ARM)
     arm.inverse_kinematics(arm.forward_kinematics(np.array([0.3])))
+    closest_windings(np.array([0.3]), arm.lower, arm.upper, arm.revolute, np.array([0.5]), 1)
     arm.reference_points(np.array([[0.3]]))
     arm.chain().body_points(np.array([[0.3]]))
