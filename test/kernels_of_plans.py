@@ -25,7 +25,7 @@ from bsp_informed_planner.scene.diff import ObstacleOperation, SceneDiff, apply
 from bsp_informed_planner.scene.maze import random_maze
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene
-from bsp_informed_planner.scene.shapes import Cone, ConvexMesh, Cylinder, Mesh, PointCloud, Sphere
+from bsp_informed_planner.scene.shapes import Cone, ConvexMesh, Cylinder, Mesh, PointCloud, Shape, Sphere
 
 Signatures = set[tuple[str, str, str]]
 
@@ -34,14 +34,18 @@ def signatures() -> Signatures:
     """Of all kernels of the package that this process has compiled or loaded."""
     kernels = [value for value in gc.get_objects() if isinstance(value, Dispatcher)]
     own = [kernel for kernel in kernels if kernel.py_func.__module__.startswith("bsp_informed_planner")]
-    return {(kernel.py_func.__module__, kernel.__name__, str(types)) for kernel in own for types in kernel.signatures}
+    return {
+        (kernel.py_func.__module__, kernel.py_func.__name__, str(types))
+        for kernel in own
+        for types in kernel.signatures
+    }
 
 
 def with_other_shapes(scene: Scene) -> Scene:
     """The scene, and one of each other shape out of the way."""
     corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    shapes = [
+    shapes: list[Shape] = [
         Sphere(0.05),
         Cylinder(0.05, 0.1),
         Cone(0.05, 0.1),
