@@ -72,11 +72,12 @@ class PlanOptions:
             timing; they have no `max_samples`.
         sampler_id: "keypoint_tube": exact keypoints and the tube around their chain; "uniform"; "learned": keypoints
             and samples by networks (Algorithm 3); "cvae_shortest_path", "gmm": the paper's baselines, which have no
-            keypoints. Without a model for the robot, keypoints are exact, and the result says why.
+            keypoints; "path_library": the nearest solved paths. Without a model for the robot, keypoints are exact, and
+            the result says why.
         allowed_seconds: time for everything, from validation to timing [s].
         first_solution: stop at the first verified path.
         head_start: uniform search before guidance is asked for, as a number of edges to check; None: as much as takes
-            some milliseconds, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
+            about the time of guidance, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the

@@ -16,7 +16,7 @@ from bsp_informed_planner.planning.incumbent import Incumbent
 from bsp_informed_planner.planning.path import path_length
 from bsp_informed_planner.planning.problem import PlanOptions, default_verification_resolution
 from bsp_informed_planner.planning.sampling_box import near_bounds, sampling_bounds
-from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, HEAD_START, Problem, Worker
+from bsp_informed_planner.planning.worker import FIRST_SHORTCUTS, Problem, Worker, head_start_of
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.scene.pose import FloatArray
@@ -149,7 +149,9 @@ class Search:
         limits = (np.asarray(self._robot.lower), np.asarray(self._robot.upper))
         boxes = near_bounds(self._robot, start, goals), sampling_bounds(self._robot, start, goals)
         options = self._options
-        head_start = HEAD_START if options.head_start is None else options.head_start
+        head_start = options.head_start
+        if head_start is None:
+            head_start = head_start_of(options.sampler_id, self._robot)
         problem = Problem(start, goals, *boxes, limits, self.max_step, options.uniform_fraction, head_start)
         seeds = self._seeds.spawn(len(judges))
         workers = [

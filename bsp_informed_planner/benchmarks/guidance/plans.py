@@ -15,6 +15,7 @@ from bsp_informed_planner.benchmarks.planning.problems import seed_of
 from bsp_informed_planner.errors import PlanningFailedError
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import PlanningProblem, PlanOptions
+from bsp_informed_planner.sampling.guide import EXACT
 
 #: Plans of each method on a problem, and their time [s].
 RUNS, LIMIT = 3, 2.0
@@ -51,7 +52,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         for seed in seeds:
             # What comes first may find a colder machine: no method always does.
             for name in rng.permutation(sorted(makers)).tolist():
-                results[name].append(_plan(planner, drawn.problem.problem, makers[name], seed, mode == AT_ONCE))
+                results[name].append(_plan(planner, drawn.problem.problem, name, makers[name], seed, mode))
         for name, pairs in results.items():
             row[f"{name}_{mode}_ms"] = [1e3 * seconds if np.isfinite(seconds) else None for seconds, _ in pairs]
             row[f"{name}_{mode}_cost"] = [cost if np.isfinite(cost) else None for _, cost in pairs]
@@ -59,11 +60,13 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
 
 
 def _plan(
-    planner: Planner, problem: PlanningProblem, make: MakeGuidance, seed: int, at_once: bool
+    planner: Planner, problem: PlanningProblem, name: str, make: MakeGuidance, seed: int, mode: str
 ) -> tuple[float, float]:
     """Seconds to the first verified path, guidance included, and the cost after shortcuts; infinite without one."""
+    # The sampler id tells how long the search without guidance is, by default.
+    sampler_id, head_start = EXACT if name == "exact" else "learned", 0 if mode == AT_ONCE else None
     options = PlanOptions(
-        "rrt_connect", allowed_seconds=LIMIT, first_solution=True, seed=seed, head_start=0 if at_once else None
+        "rrt_connect", sampler_id, allowed_seconds=LIMIT, first_solution=True, seed=seed, head_start=head_start
     )
     plan = planner.prepare(problem, options)
     begin = plan.budget.elapsed
