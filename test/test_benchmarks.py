@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import multiprocessing
 import os
 import re
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +30,7 @@ from bsp_informed_planner.benchmarks.charts import legend, logarithmic, medians_
 from bsp_informed_planner.benchmarks.machine import describe_machine, processors, source_hash
 from bsp_informed_planner.benchmarks.report import RequiredNumber, Section, markdown_table
 from bsp_informed_planner.benchmarks.row_file import RowFile
-from bsp_informed_planner.benchmarks.runner import run_benchmark
+from bsp_informed_planner.benchmarks.runner import _pool, run_benchmark
 from bsp_informed_planner.benchmarks.statistics import Estimate
 from bsp_informed_planner.benchmarks.stopwatch import peak_memory, time_calls, timed
 from bsp_informed_planner.cli.app import app
@@ -222,6 +225,24 @@ def test_results_do_not_depend_on_processes(tmp_path: Path, mode: Mode) -> None:
     assert "2 rows" in report
     assert "Left out: it is not there." in report
     assert "bsp-planner benchmark test --full --seed 5" in report
+
+
+def test_a_second_interrupt_ends_what_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(**_: object) -> None:
+        raise KeyboardInterrupt
+
+    begin = time.monotonic()
+    context = _pool(1, gc.enable, False)
+    pool = context.__enter__()
+    pool.submit(gc.enable).result()
+    pool.submit(time.sleep, 100.0)
+    (worker,) = multiprocessing.active_children()
+    monkeypatch.setattr(pool, "shutdown", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        context.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
+    worker.join(10.0)
+    assert not worker.is_alive()
+    assert time.monotonic() - begin < 30.0
 
 
 def test_interrupted_runs_continue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

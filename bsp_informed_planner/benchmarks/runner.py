@@ -170,7 +170,13 @@ def _pool(workers: int, prepare: Callable[[], None], pinned: bool) -> Iterator[P
         yield pool
     finally:
         # After Ctrl-C, or an error, cases that have not begun are dropped.
-        pool.shutdown(wait=True, cancel_futures=True)
+        try:
+            pool.shutdown(wait=True, cancel_futures=True)
+        except KeyboardInterrupt:
+            # At a second one, those that have begun are, too: nobody else would end their processes.
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
 
 
 def _start_worker(prepare: Callable[[], None], free_processors: Any) -> None:
