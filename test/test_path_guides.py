@@ -29,6 +29,7 @@ from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, Pl
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.kinematic_chain import KinematicChain
 from bsp_informed_planner.robots.point import PointRobot
+from bsp_informed_planner.sampling.chain_repair import ChainRepair
 from bsp_informed_planner.sampling.guide import GuideSetting, make_guide
 from bsp_informed_planner.sampling.path_chain_guide import PathChainGuide
 from bsp_informed_planner.sampling.path_library import PathLibrary, PathLibraryGuide
@@ -200,11 +201,15 @@ def test_it_computes_what_torch_computes(models: Path) -> None:
     network.eval()
     proposals = PathProposals.load(models / "shelf_path_chains.json")
     conditions = np.random.default_rng(0).normal(size=(5, len(proposals.mean))).astype(np.float32)
-    shapes, logits = proposals.propose(conditions)
+    shapes, logits = proposals.propose(conditions, 3)
     with torch.inference_mode():
         expected = network(torch.from_numpy(conditions))
-    np.testing.assert_allclose(shapes, expected.shapes.numpy(), atol=1e-4)
-    np.testing.assert_allclose(logits, expected.logits.numpy(), atol=1e-4)
+    best = expected.logits.argsort(dim=1, descending=True)[:, :3].numpy()
+    rows = np.arange(5)[:, None]
+    np.testing.assert_allclose(shapes, expected.shapes.numpy()[rows, best], atol=1e-4)
+    np.testing.assert_allclose(logits, expected.logits.numpy()[rows, best], atol=1e-4)
+    every, _ = proposals.propose(conditions, 1000)
+    assert every.shape[:2] == expected.logits.shape
 
 
 def test_weights_that_do_not_fit_their_card_are_refused(models: Path, tmp_path: Path) -> None:
@@ -261,6 +266,22 @@ def test_chains_are_repaired_in_the_scene_unless_the_network_is_blind(models: Pa
     assert np.abs(chains(PathChainGuide(setting, model)) - proposed).max() > 1e-3
     unseen = PathChainGuide(setting, blind)
     np.testing.assert_array_equal(chains(unseen), unseen.proposed(path[0], path[-1:]))
+
+
+def test_paths_of_the_library_are_repaired_in_the_scene(models: Path, experience: Experience) -> None:
+    setting, path = setting_of(experience, models), experience.paths[0]
+    library = PathLibrary.of(ARM, list(experience.paths)[1:])
+    checker = BoundedChecker(ARM, setting.scene)
+    nearest = library.nearest(path[0], path[-1:], 5)
+
+    def chains(repair: bool) -> FloatArray:
+        found = PathLibraryGuide(setting, library, 5, repair).guide(path[0], path[-1:], checker).chains
+        return np.array([chain.configurations for chain in found])
+
+    np.testing.assert_array_equal(chains(False), nearest)
+    expected = ChainRepair(ARM, setting.scene).repaired(nearest, checker)
+    assert np.abs(expected - nearest).max() > 1e-3
+    np.testing.assert_array_equal(chains(True), expected)
 
 
 def test_networks_of_another_view_are_refused(models: Path, experience: Experience) -> None:

@@ -72,11 +72,9 @@ class PathChainGuide:
         robot = self._setting.robot
         nearest = goals[np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")[:GOALS]]
         starts = np.repeat(start[None], len(nearest), axis=0)
-        shapes, logits = self._model.propose(self._view.conditions(self._field, starts, nearest))
         share = -(-self._chains // len(nearest))
-        best = np.argsort(-logits, axis=1, kind="stable")[:, :share]
-        chosen = np.take_along_axis(shapes, best[:, :, None, None], axis=1)
-        paths = path_of(chosen, starts[:, None], nearest[:, None])
+        shapes, _ = self._model.propose(self._view.conditions(self._field, starts, nearest), share)
+        paths = path_of(shapes, starts[:, None], nearest[:, None])
         paths[..., 1:-1, :] = np.clip(paths[..., 1:-1, :], robot.lower, robot.upper)
         # The best of every goal, then the second best, ...
         return np.asarray(paths.swapaxes(0, 1).reshape(-1, *paths.shape[2:])[: max(self._chains, len(nearest))])

@@ -1,6 +1,6 @@
 """A library of solved paths: those of the nearest problems, moved to start and goal of a new one.
 
-No network, and the scene is not looked at: what comes out seeds the trees of the planner, which looks.
+No network. They are found without a look at the scene, and then pushed out of its obstacles.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailable
 from bsp_informed_planner.networks.card import ModelCard
 from bsp_informed_planner.networks.problem_view import azimuths, turned_back, turns_about_vertical
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.chain_repair import ChainRepair
 from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.models import find_card, read_once
@@ -174,18 +175,25 @@ class PathLibrary:
 
 
 class PathLibraryGuide:
-    """The nearest solved paths as chains, and the tube around them.
+    """The nearest solved paths as chains, pushed out of obstacles, and the tube around them.
+
+    As in `PathChainGuide`, none of them is checked here.
 
     Args:
         setting: robot and scene.
         library: shared by all scenes; plans that succeed are added to it.
         count: of chains.
+        repair: whether chains are pushed out of obstacles. Without it, the scene is not looked at.
+
+    Raises:
+        InvalidObstacleError: if a shape of an obstacle has no volume.
     """
 
-    def __init__(self, setting: GuideSetting, library: PathLibrary, count: int = NEAREST) -> None:
+    def __init__(self, setting: GuideSetting, library: PathLibrary, count: int = NEAREST, repair: bool = True) -> None:
         self._setting = setting
         self._library = library
         self._count = count
+        self._repair = ChainRepair(setting.robot, setting.scene) if repair else None
 
     def guide(
         self,
@@ -204,6 +212,8 @@ class PathLibraryGuide:
         if not len(self._library):
             raise KeypointsUnavailableError("the library has no paths")
         paths = self._library.nearest(start, nearest, self._count)
+        if self._repair is not None:
+            paths = self._repair.repaired(paths, checker, should_stop)
         chains = lifted(self._setting.robot, paths)
         return Guidance(SAMPLER_ID, chains, self.sampler(list(paths)), "", time.monotonic() - begin)
 
@@ -217,8 +227,12 @@ class PathLibraryGuide:
         self._library.add(path)
 
 
-def path_library_guide(setting: GuideSetting) -> PathLibraryGuide:
+def path_library_guide(setting: GuideSetting, repair: bool = True) -> PathLibraryGuide:
     """The guide of the sampler id "path_library". All scenes of a process share one library of a robot's file.
+
+    Args:
+        setting: robot and scene.
+        repair: see `PathLibraryGuide`.
 
     Raises:
         ModelUnavailableError: if there is no library for the robot.
@@ -226,4 +240,4 @@ def path_library_guide(setting: GuideSetting) -> PathLibraryGuide:
     """
     path, _ = find_card(setting.robot, (SAMPLER_ID,), setting.models)
     arm = getattr(setting.robot, "bare", setting.robot)
-    return PathLibraryGuide(setting, read_once(PathLibrary.load, path, arm))
+    return PathLibraryGuide(setting, read_once(PathLibrary.load, path, arm), repair=repair)

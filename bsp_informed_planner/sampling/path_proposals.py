@@ -24,12 +24,16 @@ class PathProposals:
 
     Attributes:
         card: of it.
-        weights: of each layer, (inputs, outputs) and (outputs,).
+        weights: of each layer but the last, (inputs, outputs) and (outputs,).
+        heads: the last layer of each head, (heads, inputs, waypoints * n) and (heads, waypoints * n).
+        gate: that of their logits, (inputs, heads) and (heads,).
         mean, scale: (c,) of conditions.
     """
 
     card: ModelCard
     weights: tuple[tuple[FloatGrid, FloatGrid], ...]
+    heads: tuple[FloatGrid, FloatGrid]
+    gate: tuple[FloatGrid, FloatGrid]
     mean: FloatGrid
     scale: FloatGrid
 
@@ -64,15 +68,32 @@ class PathProposals:
             raise ModelError(str(file), "does not fit its card: layers of other sizes")
         if not all(np.isfinite(array).all() for array in arrays.values()):
             raise ModelError(str(file), "a weight is not finite")
-        return PathProposals(card, weights, mean, scale)
+        (last, bias), size = weights[-1], waypoints * state
+        own = last[:, :-heads].reshape(-1, heads, size).swapaxes(0, 1), bias[:-heads].reshape(heads, size)
+        gate = np.ascontiguousarray(last[:, -heads:]), bias[-heads:]
+        return PathProposals(card, weights[:-1], (np.ascontiguousarray(own[0]), own[1]), gate, mean, scale)
 
-    def propose(self, conditions: FloatGrid) -> tuple[FloatArray, FloatGrid]:
-        """Shapes (b, heads, waypoints, n) and logits (b, heads) under conditions (b, c), see `Proposals`."""
+    def propose(self, conditions: FloatGrid, count: int) -> tuple[FloatArray, FloatGrid]:
+        """The likeliest of the network's `Proposals` under each of some conditions.
+
+        Args:
+            conditions: (b, c).
+            count: how many are wanted; of no more heads the last layer is looked at, which is most of the weights.
+
+        Returns:
+            shapes (b, k, waypoints, n) and logits (b, k), the highest first; k <= count.
+        """
         values: FloatGrid = (conditions - self.mean) / self.scale
-        for weight, bias in self.weights[:-1]:
-            values = np.maximum(values @ weight + bias, 0.0)
-        weight, bias = self.weights[-1]
-        values = values @ weight + bias
-        heads, waypoints, state = (self.card.architecture[key] for key in ("heads", "waypoints", "state_size"))
-        shapes = values[:, :-heads].reshape(-1, heads, waypoints, state).astype(np.float64)
-        return shapes, np.asarray(values[:, -heads:], dtype=np.float32)
+        for weight, bias in self.weights:
+            values = values @ weight
+            values += bias
+            np.maximum(values, 0.0, out=values)
+        logits = values @ self.gate[0] + self.gate[1]
+        best = np.argsort(-logits, axis=1, kind="stable")[:, :count]
+        weights, biases = self.heads
+        shapes = biases[best]
+        for row, heads in enumerate(best.tolist()):
+            for place, head in enumerate(heads):
+                shapes[row, place] += values[row] @ weights[head]
+        waypoints, state = (self.card.architecture[key] for key in ("waypoints", "state_size"))
+        return shapes.reshape(*best.shape, waypoints, state).astype(np.float64), np.take_along_axis(logits, best, 1)

@@ -32,6 +32,8 @@ MOST_NEAR = 64
 HELPLESS = 0.02
 #: States are looked at again when a neighbour has moved by more than this since [rad or m].
 MOVED = 0.01
+#: Chains that are deeper than this after so many steps are given up: next to none of them gets free [m].
+LOST, TRIAL = 0.08, 3
 #: At its ends, where a chain is free, balls may be as deep as they are there; less so away from them, and not at all
 #: from this share of the chain on.
 FADE = 0.35
@@ -46,6 +48,7 @@ class RepairOptions(NamedTuple):
         margin: distance that balls are to keep [m].
         likeness, rest: weights, see above [m^2 / rad^2].
         longest: no joint moves further in one step [rad or m].
+        enough: balls that lack no more than this of the margin are good enough [m].
     """
 
     steps: int = 6
@@ -54,6 +57,7 @@ class RepairOptions(NamedTuple):
     likeness: float = 0.02
     rest: float = 0.01
     longest: float = 0.3
+    enough: float = 0.01
 
 
 class Body(NamedTuple):
@@ -250,7 +254,7 @@ def push_chain(
             if depth > 0.0:
                 deepest = max(deepest, depth)
                 add_terms(work, edge, share)
-        if deepest == 0.0 or step == options.steps:
+        if deepest <= options.enough or step == options.steps or (step == TRIAL and deepest > LOST):
             break
         for w in range(count):
             for i in range(dof):

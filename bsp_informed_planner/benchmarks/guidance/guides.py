@@ -21,6 +21,7 @@ from bsp_informed_planner.sampling.guide import EXACT, Guide, GuideSetting, make
 from bsp_informed_planner.sampling.models import find_card, read_once
 from bsp_informed_planner.sampling.path_chain_guide import PathChainGuide, lifted
 from bsp_informed_planner.sampling.path_guide import path_guidance
+from bsp_informed_planner.sampling.path_library import path_library_guide
 from bsp_informed_planner.sampling.path_proposals import KIND, PathProposals
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -33,13 +34,13 @@ TITLES = {
     "plain": "plain RRT-Connect",
     "line": "straight line + Gaussian",
     "exact": "exact keypoints + Gaussian",
-    "library": "path library",
+    "library": "path library, its paths not repaired",
     "learned": "network",
     "unrepaired": "network, its chains not repaired",
     "wrong_scene": "network, shown another scene (control)",
     "no_scene": "network without scene (control)",
     "no_scene_repaired": "network without scene, repaired",
-    "library_repaired": "path library, repaired",
+    "library_repaired": "path library",
     "random": "paths of the library at random (control)",
     "cvae": "CVAE on shortest paths",
     "gmm": "GMM with workspace decomposition",
@@ -82,23 +83,22 @@ def guides(
         "line": lambda start, goals, checker: path_guidance(robot(), np.array((start, goals[0]))),
         "perfect": lambda start, goals, checker: path_guidance(robot(), best),
     }
-    wanted = (
-        ("exact", EXACT, setting),
-        ("library", "path_library", setting),
-        ("learned", "learned", setting),
-        ("wrong_scene", "learned", wrong),
-        ("cvae", "cvae_shortest_path", setting),
-        ("gmm", "gmm", setting),
+    wanted: tuple[tuple[str, Callable[[], Guide]], ...] = (
+        ("exact", lambda: make_guide(EXACT, setting)),
+        ("library", lambda: path_library_guide(setting, repair=False)),
+        ("library_repaired", lambda: make_guide("path_library", setting)),
+        ("learned", lambda: make_guide("learned", setting)),
+        ("wrong_scene", lambda: make_guide("learned", wrong)),
+        ("cvae", lambda: make_guide("cvae_shortest_path", setting)),
+        ("gmm", lambda: make_guide("gmm", setting)),
     )
-    for name, sampler_id, own in wanted:
+    for name, make in wanted:
         try:
-            found[name] = _asked(make_guide(sampler_id, own))
+            found[name] = _asked(make())
         except ModelUnavailableError:
             continue
-    repair = ChainRepair(robot(), problem.scene)
     if "library" in found:
         found["random"] = _at_random(found["library"], rng)
-        found["library_repaired"] = _repaired(found["library"], repair)
     if "learned" in found:
         path, _ = find_card(robot(), (KIND,), models)
         network = read_once(PathProposals.load, path)
@@ -106,7 +106,7 @@ def guides(
     if controls is not None:
         find_card(robot(), (KIND,), controls)
         found["no_scene"] = _asked(make_guide("learned", replace(setting, models=controls)))
-        found["no_scene_repaired"] = _repaired(found["no_scene"], repair)
+        found["no_scene_repaired"] = _repaired(found["no_scene"], ChainRepair(robot(), problem.scene))
     return found
 
 

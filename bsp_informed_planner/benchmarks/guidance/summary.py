@@ -92,7 +92,7 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         header = ["", "solved [%]", "median [ms]", "90 % [ms]", "mean [ms]", "time / plain", "cost / plain"]
         section.table(header, table)
     if "learned" in names:
-        _require(by_group, names, section, rng)
+        _require(rows, by_group, names, section, rng)
 
 
 def _chains_row(rows: Sequence[Row], name: str, rng: np.random.Generator) -> list[object]:
@@ -109,10 +109,13 @@ def _chains_row(rows: Sequence[Row], name: str, rng: np.random.Generator) -> lis
 
 
 def _require(
-    by_group: Mapping[str, list[Row]], names: Sequence[str], section: Section, rng: np.random.Generator
+    rows: Sequence[Row],
+    by_group: Mapping[str, list[Row]],
+    names: Sequence[str],
+    section: Section,
+    rng: np.random.Generator,
 ) -> None:
-    every = [row for own in by_group.values() for row in own]
-    inference = [float(row["learned_guide_ms"]) + float(row["learned_samples_ms"]) for row in every]
+    inference = [float(row["learned_guide_ms"]) + float(row["learned_samples_ms"]) for row in rows]
     section.require(
         RequiredNumber(
             f"arm chains and first {FIRST} samples, median", median(inference, rng), "at most", INFERENCE, "ms"

@@ -15,7 +15,8 @@ from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.options import DecompositionOptions
 from bsp_informed_planner.errors import KeypointsUnavailableError
 from bsp_informed_planner.sampling.guidance import KeypointGuideOptions
-from bsp_informed_planner.sampling.guide import EXACT, GUIDES, GuideSetting, make_guide
+from bsp_informed_planner.sampling.guide import EXACT, GUIDES, Guide, GuideSetting, make_guide
+from bsp_informed_planner.sampling.path_library import path_library_guide
 from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
@@ -81,13 +82,15 @@ def _uniform(situation: Situation, seed: int, models: str | None) -> Made:
     return Made(None)
 
 
-def _guide(sampler_id: str, wrong_scene: bool, situation: Situation, seed: int, models: str | None) -> Made:
+def _guide(
+    make: Callable[[GuideSetting], Guide], wrong_scene: bool, situation: Situation, seed: int, models: str | None
+) -> Made:
     """A guide as it comes. With the wrong scene, only the decomposition, the fallback's, is of the right one."""
     scene = situation.other_scene if wrong_scene else situation.scene
     options = DecompositionOptions(dimension=3)
     setting = GuideSetting(robot(), scene, lambda: decompose(situation.scene, options), models=models, seed=seed)
     # Reads models, which happens once in a process.
-    guide = make_guide(sampler_id, setting)
+    guide = make(setting)
     begin = time.perf_counter()
     try:
         guidance = guide.guide(situation.start, situation.goal[None], situation.checker)
@@ -118,11 +121,17 @@ TITLES = {
 }
 _FIRST = {"uniform": ArmSampler("uniform", _uniform)}
 _GUIDED = {
-    name: ArmSampler(TITLES.get(name, name), partial(_guide, name, False))
+    name: ArmSampler(TITLES.get(name, name), partial(_guide, partial(make_guide, name), False))
     for name in sorted(GUIDES, key=lambda name: list(TITLES).index(name) if name in TITLES else len(TITLES))
 }
 _CONTROLS = {
-    "learned_wrong_scene": ArmSampler("control: networks that see another shelf", partial(_guide, "learned", True)),
+    "learned_wrong_scene": ArmSampler(
+        "control: networks that see another shelf", partial(_guide, partial(make_guide, "learned"), True)
+    ),
+    "library_as_it_is": ArmSampler(
+        "control: path library, its paths not repaired",
+        partial(_guide, partial(path_library_guide, repair=False), False),
+    ),
     "line": ArmSampler("control, no scene: straight line + Gaussian", partial(_tube, _straight_line)),
     "corridor": ArmSampler("control: tube around an RRT-Connect path", _corridor),
     "perfect": ArmSampler("perfect: tube around the best path known", partial(_tube, lambda known: known.best), True),
