@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.robots.demo_arms import panda, tiago, ur5
-from bsp_informed_planner.robots.motion_bound import bounding_points, motion_radii
+from bsp_informed_planner.robots.motion_bound import bounding_points, motion_levers, motion_radii
 
 
 def surface_points(robot: ArmRobot, geometry_data: pin.GeometryData, points: list[np.ndarray]) -> np.ndarray:
@@ -71,7 +71,7 @@ def test_random_chains(seed: int, joints: int) -> None:
         )
         shape = shapes[int(rng.integers(len(shapes)))]
         geometry_model.addGeometryObject(pin.GeometryObject(f"g{index}", parent, pin.SE3.Random(), shape))
-    radii = motion_radii(model, geometry_model)
+    radii = motion_radii(motion_levers(model, geometry_model))
     data, geometry_data = model.createData(), geometry_model.createData()
     samples = [shape_samples(g.geometry, rng) for g in geometry_model.geometryObjects]
     for _ in range(30):
@@ -112,4 +112,4 @@ def test_base_and_fixed_geometry_do_not_count() -> None:
     model, geometry_model = pin.Model(), pin.GeometryModel()
     model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "j", np.ones(1), np.ones(1), -np.ones(1), np.ones(1))
     geometry_model.addGeometryObject(pin.GeometryObject("g", 0, pin.SE3.Identity(), coal.Sphere(5.0)))
-    np.testing.assert_array_equal(motion_radii(model, geometry_model), [0.0])
+    np.testing.assert_array_equal(motion_radii(motion_levers(model, geometry_model)), [0.0])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bsp_informed_planner.collision.enclosure import EnclosedBodies
 from bsp_informed_planner.collision.geometry import add_scene, create_geometry_data
 from bsp_informed_planner.collision.holding import robot_in_scene
+from bsp_informed_planner.collision.pair_motion import PairMotion
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
@@ -41,6 +42,7 @@ class ExactChecker:
         resolution: no point of the robot moves further from one checked state of an edge to the next, by default [m].
         padding: distance that links have to keep from obstacles, but not from each other [m].
         collision_model: geometry of robot and obstacles with all pairs that are checked.
+        pair_motion: of these pairs, for proofs about edges, which work on clones of it.
     """
 
     def __init__(
@@ -74,6 +76,7 @@ class ExactChecker:
         self._checks = 0
         self._model = robot.model
         own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
+        self.pair_motion = PairMotion(robot, self.collision_model, self.padding)
         self._enclosed = EnclosedBodies(
             self._model, self.collision_model, self._moving, self._obstacles, own, self._may_touch
         )

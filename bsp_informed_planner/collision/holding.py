@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from bsp_informed_planner.collision.geometry import shape_geometries
 from bsp_informed_planner.errors import InvalidObstacleError, UnknownFrameError
-from bsp_informed_planner.robots.motion_bound import motion_radii
+from bsp_informed_planner.robots.motion_bound import motion_levers, motion_radii
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray, Pose, frozen_array
 from bsp_informed_planner.scene.scene import AttachedObstacle, BodyPair, Scene, WorkspaceBounds
@@ -61,7 +61,8 @@ class HoldingRobot:
         self._remove_allowed_pairs()
         for body in scene.attached.values():
             self._attach(body)
-        radii = np.maximum(bare.motion_radii, motion_radii(self.model, self.collision_model))
+        self.motion_levers: FloatArray = frozen_array(motion_levers(self.model, self.collision_model))
+        radii = np.maximum(bare.motion_radii, motion_radii(self.motion_levers))
         self.motion_radii: FloatArray = frozen_array(radii)
 
     def __getattr__(self, name: str) -> Any:

@@ -78,5 +78,5 @@ class Judges:
         for judge in judges:
             judge.surely_free_edges(np.linspace(0.75 * lower + 0.25 * upper, 0.25 * lower + 0.75 * upper, 4))
             judge.judge.touches(0.5 * (lower + upper))
-            judge.certifier.get_ready()
+            _ = judge.certifier
         self.give_back(*judges)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,9 +28,9 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.ompl_workers.process import OmplWorkers, require_ompl
 from bsp_informed_planner.planning.budget import Budget
+from bsp_informed_planner.planning.fitting_chains import with_fitting_chains
 from bsp_informed_planner.planning.judges import Judges
 from bsp_informed_planner.planning.ompl_search import OmplPathSearch
-from bsp_informed_planner.planning.path import without_straight_points
 from bsp_informed_planner.planning.problem import (
     OMPL_PLANNER_IDS,
     PLANNER_IDS,
@@ -39,14 +39,12 @@ from bsp_informed_planner.planning.problem import (
     PlanOptions,
     PlanResult,
     PlanStatistics,
-    Trajectory,
-    default_blend_deviation,
     default_verification_resolution,
 )
 from bsp_informed_planner.planning.rrt_star import require_room
 from bsp_informed_planner.planning.search import Progress, Search
-from bsp_informed_planner.planning.timing import time_path
 from bsp_informed_planner.planning.validation import free_state, goal_configurations
+from bsp_informed_planner.planning.verified_timing import verified_trajectory
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
 from bsp_informed_planner.sampling.guide import EXACT, SAMPLER_IDS, GuideSetting
@@ -86,24 +84,6 @@ class PreparedPlan:
     checks_before: int
     budget: Budget
     search: Search
-
-
-def _fitting(guidance: Guidance, plan: PreparedPlan, robot: Robot) -> Guidance:
-    """Guidance without the chains that do not lead, within limits, from the start to a goal, with the reason."""
-
-    def fits(configurations: FloatArray) -> bool:
-        start, goal = configurations[0], configurations[-1]
-        inside = (configurations >= robot.lower) & (configurations <= robot.upper)
-        return bool(np.array_equal(start, plan.start) and (goal == plan.goals).all(axis=1).any() and inside.all())
-
-    chains = tuple(chain for chain in guidance.chains if fits(chain.configurations))
-    if len(chains) == len(guidance.chains):
-        return guidance
-    foreign = len(guidance.chains) - len(chains)
-    why = "a chain starts elsewhere, ends at no goal, or leaves the limits"
-    reason = f"{foreign} of {len(guidance.chains)} chains dropped: {why}"
-    logger.warning(reason)
-    return replace(guidance, chains=chains, fallback_reason="; ".join(filter(None, (guidance.fallback_reason, reason))))
 
 
 class Planner:
@@ -266,22 +246,11 @@ class Planner:
             MissingPackageError: OMPL is not installed.
         """
         options = options or PlanOptions()
-        if options.planner_id not in PLANNER_IDS:
-            raise UnknownPlannerError(options.planner_id, PLANNER_IDS)
-        if options.planner_id in OMPL_PLANNER_IDS:
-            require_ompl(options.planner_id)
-            if options.max_samples is not None:
-                raise InvalidOptionError("max_samples", options.max_samples, f"none for '{options.planner_id}'")
-        if options.sampler_id not in SAMPLER_IDS:
-            raise UnknownSamplerError(options.sampler_id, SAMPLER_IDS)
+        self._require_usable(options)
         seed = secrets.randbits(32) if options.seed is None else options.seed
         reserve = min(RESERVE_SHARE * options.allowed_seconds, RESERVE_SECONDS)
         work = WORK if self.robot.revolute.any() else SLIDING_WORK
         budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled, work)
-        if options.cost_weights is not None and len(options.cost_weights) != self.robot.dof:
-            raise InvalidOptionError("cost_weights", options.cost_weights, f"{self.robot.dof} numbers, one a joint")
-        if options.max_samples is not None:
-            require_room("max_samples", options.max_samples, self.robot.dof)
         search = Search(self.robot, options, budget, seed, on_progress)
         search.report("validating")
         judges = tuple(
@@ -297,6 +266,21 @@ class Planner:
             self._judges.give_back(*judges)
             raise
         return PreparedPlan(start, goals, options, seed, judges, before, budget, search)
+
+    def _require_usable(self, options: PlanOptions) -> None:
+        """Raises what `prepare` names, if options cannot be had or do not fit this robot."""
+        if options.planner_id not in PLANNER_IDS:
+            raise UnknownPlannerError(options.planner_id, PLANNER_IDS)
+        if options.planner_id in OMPL_PLANNER_IDS:
+            require_ompl(options.planner_id)
+            if options.max_samples is not None:
+                raise InvalidOptionError("max_samples", options.max_samples, f"none for '{options.planner_id}'")
+        if options.sampler_id not in SAMPLER_IDS:
+            raise UnknownSamplerError(options.sampler_id, SAMPLER_IDS)
+        if options.cost_weights is not None and len(options.cost_weights) != self.robot.dof:
+            raise InvalidOptionError("cost_weights", options.cost_weights, f"{self.robot.dof} numbers, one a joint")
+        if options.max_samples is not None:
+            require_room("max_samples", options.max_samples, self.robot.dof)
 
     def load_guide(self, sampler_id: str) -> None:
         """Load the models of a sampler id, which takes seconds for the first network of a process.
@@ -346,7 +330,8 @@ class Planner:
         options, budget, search = plan.options, plan.budget, plan.search
 
         def fitting() -> Guidance:
-            return _fitting(guidance if isinstance(guidance, Guidance) else guidance(), plan, self.robot)
+            made = guidance if isinstance(guidance, Guidance) else guidance()
+            return with_fitting_chains(made, self.robot, plan.start, plan.goals)
 
         if options.planner_id in OMPL_PLANNER_IDS:
             path = self._ompl_path(plan)
@@ -362,7 +347,7 @@ class Planner:
         if not np.array_equal(path[0], plan.start) or not (path[-1] == plan.goals).all(axis=1).any():
             raise PlanningFailedError("the search returned a path between other states than start and goal")
         search.report("timing")
-        trajectory, verdict = self._timed(path, plan.judges[0], plan)
+        trajectory, verdict = verified_trajectory(path, self.robot, plan.judges[0], options, budget.check_cancelled)
         search.report("done")
         self._guides.learn(options.sampler_id, path)
         return PlanResult(
@@ -384,44 +369,6 @@ class Planner:
         rng = np.random.default_rng(plan.seed)
         ompl = OmplPathSearch(self.ompl_workers, self.robot, self.scene, plan.options, plan.search, rng)
         return ompl.run(plan.judges[0], plan.start, plan.goals)
-
-    def _timed(self, path: FloatArray, judge: BoundedChecker, plan: PreparedPlan) -> tuple[Trajectory, Verdict]:
-        """Time a verified path, its corners as round as they can be while it stays certified, if the path is.
-
-        Raises:
-            PlanningFailedError: if states of the path that were not checked before turn out to collide.
-        """
-        options = plan.options
-        deviation = options.blend_deviation
-        if deviation is None:
-            deviation = default_blend_deviation(self.robot)
-        fallback: tuple[Trajectory, Verdict] | None = None
-
-        def not_cancelled() -> bool:
-            plan.budget.check_cancelled()
-            return True
-
-        for allowed in (deviation, deviation / 4.0, deviation / 16.0, 0.0):
-            plan.budget.check_cancelled()
-            trajectory = time_path(
-                path,
-                self.robot.velocity_limits * options.velocity_scaling,
-                self.robot.acceleration_limits * options.acceleration_scaling,
-                deviation=allowed,
-                time_step=options.time_step,
-            )
-            # Points on a line make one edge: the sooner it is judged.
-            verdict = judge.verdict(without_straight_points(trajectory.positions), not_cancelled)
-            if verdict is Verdict.CERTIFIED:
-                return trajectory, verdict
-            if verdict is Verdict.CHECKED and fallback is None:
-                fallback = trajectory, verdict
-            if deviation == 0.0:
-                break
-        if fallback is None:
-            # Without deviation the trajectory stays on the path: the collision hid between states checked before.
-            raise PlanningFailedError("the path found touches an obstacle in states between those checked before")
-        return fallback
 
     @staticmethod
     def _unused(options: PlanOptions) -> Guidance:

@@ -24,12 +24,14 @@ def warm_up() -> None:
     robot = PointRobot()
     box = Obstacle.of("box", Box(np.array([0.2, 0.8, 1.0])), Pose.from_xyz_rpy([0.5, 0.4, 0.0]))
     scene = Scene.of([box], WorkspaceBounds(-np.ones(3), 2.0 * np.ones(3)))
-    verdicts = BoundedChecker(robot, scene).verdicts
+    checker = BoundedChecker(robot, scene)
+    verdicts = checker.verdicts
     start, goal, rng = np.array([0.1, 0.1]), np.array([0.9, 0.1]), np.random.default_rng(0)
     verdicts.of_state(start)
     verdicts.of_states(start[None])
     verdicts.of_edges(start[None], goal[None])
     verdicts.of_edge(start, goal)
+    checker.certifier.certify(start, goal)
     solid_angle_winding(np.zeros(3), np.zeros((1, 3, 3)))
     space = new_space(start, goal, robot.lower, robot.upper, rng)
     budget = Budget(float("inf"))

@@ -39,9 +39,9 @@ QUICK_SAMPLERS = ("learned", "path_library")
 GUIDED = 800
 #: Search with questions about such edges before it begins anew.
 ASKING = 800
-#: States that the exact judge may look at for one edge at first, later, and in the end: most edges take less than a
-#: hundred, and one that takes many is seldom the only way.
-FIRST_LOOKS, LOOKS, ALL_LOOKS = 300, 1000, 1 << 62
+#: States that the exact judge may look at for one edge at first, later, and in the end: most edges take some dozens,
+#: and one that takes many is seldom the only way.
+FIRST_LOOKS, LOOKS, ALL_LOOKS = 100, 1000, 1 << 62
 #: A restart that has not met after so many times the effort of the first path gives up, and at least after so much.
 PATIENCE, LEAST_PATIENCE = 4, 500
 #: Shortcuts tried on a first path, and on each later one.

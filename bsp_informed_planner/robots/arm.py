@@ -21,7 +21,7 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.robots.description import RobotDescription, XmlSource, read_description
 from bsp_informed_planner.robots.inverse_kinematics import InverseKinematics, solver_for
 from bsp_informed_planner.robots.kinematic_chain import KinematicChain
-from bsp_informed_planner.robots.motion_bound import joint_axes, motion_radii
+from bsp_informed_planner.robots.motion_bound import joint_axes, motion_levers, motion_radii
 from bsp_informed_planner.robots.pinocchio_models import build_models
 from bsp_informed_planner.robots.windings import windings
 from bsp_informed_planner.scene.pose import FloatArray, Pose, frozen_array
@@ -131,7 +131,8 @@ class ArmRobot:
         self._frame_ids = {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
         self.tool_frame = source.tool_frame or self._default_tool_frame()
         self._require_frame(self.tool_frame)
-        self.motion_radii: FloatArray = frozen_array(motion_radii(model, collision_model))
+        self.motion_levers: FloatArray = frozen_array(motion_levers(model, collision_model))
+        self.motion_radii: FloatArray = frozen_array(motion_radii(self.motion_levers))
         self._home = np.clip(np.zeros(len(by_place)), self.lower, self.upper)
         self._lock = threading.Lock()
         self._chains: dict[str, KinematicChain] = {}

@@ -14,14 +14,14 @@ from bsp_informed_planner.scene.pose import FloatArray
 _FACETS = 24
 
 
-def motion_radii(model: pin.Model, collision_model: pin.GeometryModel) -> FloatArray:
-    """Upper bounds (n,) of the speed of any point of the robot per unit speed of each joint, in all configurations.
+def motion_levers(model: pin.Model, collision_model: pin.GeometryModel) -> FloatArray:
+    """Upper bounds (g, n) of the speed of any point of a geometry per unit speed of a joint, in all configurations.
 
     The speed of a point p that joint j carries is |a_j x (p - o_j)|, its distance from the axis, if j is revolute, and
     1 if it is prismatic; speeds of several joints add up at most. So, for every path of configurations within the
-    limits,
+    limits, and every point p of geometry k,
 
-        length of p's path <= sum_j motion_radii[j] * (length of joint j's path).
+        length of p's path <= sum_j motion_levers[k, j] * (length of joint j's path).
 
     The largest distance from each axis is bounded from the tip to the root. Every geometry is enclosed in a cylinder
     around the axis of the joint that carries it and in a ball around a point of that axis. A turn of the joint maps
@@ -34,21 +34,24 @@ def motion_radii(model: pin.Model, collision_model: pin.GeometryModel) -> FloatA
         collision_model: geometry of the robot.
 
     Returns:
-        (n,) [m/rad], or 1 for prismatic joints; 0 where a joint carries no geometry.
+        (g, n) [m/rad], or 1 for prismatic joints; 0 where a joint does not move a geometry.
     """
     axes, prismatic = joint_axes(model)
-    radii = np.zeros(model.nv)
-    for geometry in collision_model.geometryObjects:
+    levers = np.zeros((collision_model.ngeoms, model.nv))
+    places = [model.joints[joint].idx_v for joint in range(1, model.njoints)]
+    for row, geometry in zip(levers, collision_model.geometryObjects, strict=True):
         joint = int(geometry.parentJoint)
         if joint == 0:
             continue
         points, margin = bounding_points(geometry.geometry)
         points = points @ geometry.placement.rotation.T + geometry.placement.translation
-        distances = axis_distances(model, axes, prismatic, joint, points, margin)
-        for mover in np.flatnonzero(distances).tolist():
-            index = model.joints[mover + 1].idx_v
-            radii[index] = max(radii[index], distances[mover])
-    return radii
+        row[places] = axis_distances(model, axes, prismatic, joint, points, margin)
+    return levers
+
+
+def motion_radii(levers: FloatArray) -> FloatArray:
+    """(n,) the largest of all geometries, from `motion_levers` (g, n)."""
+    return levers.max(axis=0, initial=0.0)
 
 
 def axis_distances(

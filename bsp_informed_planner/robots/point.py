@@ -67,6 +67,7 @@ class PointRobot:
         self.workspace_dimension = 2
         self.root_frame = root_frame
         self.tool_frame = "point"
+        self.motion_levers: FloatArray = frozen_array([[1.0, 1.0]])
         self.motion_radii: FloatArray = frozen_array([1.0, 1.0])
         self.model = self._kinematics()
         self.collision_model = pin.GeometryModel()

@@ -34,8 +34,9 @@ class Robot(Protocol):
         model: Pinocchio's kinematic tree, fixed base, nq == nv == n, every joint a configuration of its own
             (continuous joints are plain angles).
         collision_model: the robot's own collision geometry and the pairs of it that are checked.
-        motion_radii: (n,) how far at most any point of the robot moves, in metres, for a unit of motion of each
-            joint, whatever the configuration: |motion| <= sum_j motion_radii[j] |dq_j|.
+        motion_levers: (g, n) how far at most any point of each of its g collision geometries moves, in metres, for a
+            unit of motion of each joint, whatever the configuration.
+        motion_radii: (n,) the largest of these: |motion| <= sum_j motion_radii[j] |dq_j| for any point of the robot.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Robot(Protocol):
     tool_frame: str
     model: pin.Model
     collision_model: pin.GeometryModel
+    motion_levers: FloatArray
     motion_radii: FloatArray
 
     @property
