@@ -11,6 +11,7 @@ from safetensors.numpy import load_file
 
 from bsp_informed_planner.errors import ModelError
 from bsp_informed_planner.networks.card import ModelCard
+from bsp_informed_planner.sampling.network_kernels import dense
 from bsp_informed_planner.scene.encodings import FloatGrid
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -83,17 +84,17 @@ class PathProposals:
         Returns:
             shapes (b, k, waypoints, n) and logits (b, k), the highest first; k <= count.
         """
-        values: FloatGrid = (conditions - self.mean) / self.scale
+        # Not by BLAS: its threads wait for each other, which takes several times as long on a machine that is busy.
+        values: FloatGrid = np.ascontiguousarray((conditions - self.mean) / self.scale, dtype=np.float32)
         for weight, bias in self.weights:
-            values = values @ weight
-            values += bias
+            values = dense(values, weight, bias)
             np.maximum(values, 0.0, out=values)
-        logits = values @ self.gate[0] + self.gate[1]
+        logits = dense(values, *self.gate)
         best = np.argsort(-logits, axis=1, kind="stable")[:, :count]
         weights, biases = self.heads
-        shapes = biases[best]
+        shapes = np.empty((*best.shape, biases.shape[1]), dtype=np.float32)
         for row, heads in enumerate(best.tolist()):
             for place, head in enumerate(heads):
-                shapes[row, place] += values[row] @ weights[head]
+                shapes[row, place] = dense(values[row : row + 1], weights[head], biases[head])[0]
         waypoints, state = (self.card.architecture[key] for key in ("waypoints", "state_size"))
         return shapes.reshape(*best.shape, waypoints, state).astype(np.float64), np.take_along_axis(logits, best, 1)
