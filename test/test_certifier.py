@@ -31,7 +31,7 @@ def test_free_edges_are_certified() -> None:
 
 
 def test_what_grazes_is_checked_only() -> None:
-    grazing = certifier().certify(np.array([0.1, 0.5 + 0.2 * FINEST]), np.array([0.9, 0.5 + 0.2 * FINEST]))
+    grazing = certifier().certify(np.array([0.1, 0.5 + 0.02 * FINEST]), np.array([0.9, 0.5 + 0.02 * FINEST]))
     assert grazing is Verdict.CHECKED
 
 

@@ -15,6 +15,9 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 #: The longest intervals, in shortest ones.
 COARSEST = 64
+#: Where a proof fails, states are looked at until bodies move no further than this share of the shortest interval between
+#: them: paths that are checked only, at this distance, should not turn out to collide when they are looked at again.
+DENSITY = 0.125
 _WHOLE = np.array([[0.0, 1.0]])
 
 
@@ -67,7 +70,7 @@ class EdgeCertifier:
         self._coarsest = self.finest * COARSEST
         self._motion = checker.pair_motion.clone()
         self._all = np.arange(len(self._motion))
-        self._shortest = np.where(self._motion.between_links, 1.0, 0.5) * self.finest
+        self._shortest = np.where(self._motion.between_links, 1.0, 0.5) * self.finest * DENSITY
         self.checks = 0
 
     def certify(
