@@ -78,7 +78,7 @@ def test_what_grazes_is_left_to_the_exact_judge() -> None:
     robot = PointRobot()
     wall = Obstacle.of("wall", Box(np.array([0.1, 1.0, 0.2])), Pose.from_xyz_rpy([0.5, 0.0, 0.0]))
     checker = BoundedChecker(robot, Scene.of([wall], WorkspaceBounds(np.zeros(3) - [0, 0, 1], np.ones(3))))
-    start, end = np.array([0.1, 0.5 + 4e-5]), np.array([0.9, 0.5 + 4e-5])
+    start, end = np.array([0.1, 0.5 + 4e-6]), np.array([0.9, 0.5 + 4e-6])
     assert checker.certify(start, end) is Verdict.CHECKED
     start[1] = end[1] = 0.5 + 1e-3
     assert checker.certify(start, end) is Verdict.CERTIFIED

@@ -15,8 +15,8 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 #: The longest intervals, in shortest ones.
 COARSEST = 64
-#: Where a proof fails, states are looked at until bodies move no further than this share of the shortest interval between
-#: them: paths that are checked only, at this distance, should not turn out to collide when they are looked at again.
+#: Where a proof fails, states are looked at until bodies move no further than this share of a shortest interval between
+#: them: a path that is checked only should not turn out to collide when it is looked at again.
 DENSITY = 0.125
 _WHOLE = np.array([[0.0, 1.0]])
 
