@@ -10,7 +10,6 @@ from collections.abc import Callable
 import numpy as np
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneStatus
 from builtin_interfaces.msg import Time
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
@@ -25,6 +24,7 @@ from bsp_informed_planner.nodes.graph_conversions import graph_to_msg
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
+from bsp_informed_planner.nodes.own_thread import OwnThread
 from bsp_informed_planner.nodes.qos import LATCHED, LATCHED_UPDATES, NEWEST_POINTS, UPDATES
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
 from bsp_informed_planner.nodes.scene_keeper import SceneKeeper
@@ -95,16 +95,11 @@ class DecompositionNode(PlannerSuiteNode):
         self._worker = NewestFirstWorker(self._decompose, "decompose", merge=_superseding)
         self.release_with(self._worker.stop)
         # A volatile subscription hears every publisher, but of a latched one not what it said before; the other does.
-        group = MutuallyExclusiveCallbackGroup()
+        sources = OwnThread(self, "scenes")
+        self.release_with(sources.close)
         for profile in (UPDATES, LATCHED_UPDATES):
-            subscription = self.create_subscription(
-                ObstacleScene, "obstacle_scene", self._on_scene, profile, callback_group=group
-            )
-            self.release_with(self.destroy_subscription, subscription)
-        points = self.create_subscription(
-            PointCloud2, "obstacle_points", self._on_points, NEWEST_POINTS, callback_group=group
-        )
-        self.release_with(self.destroy_subscription, points)
+            sources.subscribe(ObstacleScene, "obstacle_scene", self._on_scene, profile, with_info=True)
+        sources.subscribe(PointCloud2, "obstacle_points", self._on_points, NEWEST_POINTS)
 
     @property
     def _settings(self) -> DecompositionParameters:

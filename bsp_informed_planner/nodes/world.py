@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneStatus
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode
 
 from bsp_informed_planner.collision.holding import HoldingRobot
@@ -28,6 +27,7 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.graph_conversions import decomposition_from_msg
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
+from bsp_informed_planner.nodes.own_thread import OwnThread
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg
@@ -122,20 +122,14 @@ class WorldTracker:
         self._making = threading.Lock()
         self._prepared: World | None = None
         self._worker = NewestFirstWorker(self._prepare, "world", pause=PREPARATION_PERIOD)
-        group = MutuallyExclusiveCallbackGroup()
-        self._subscriptions = [
-            node.create_subscription(kind, topic, callback, LATCHED, callback_group=group)
-            for kind, topic, callback in (
-                (ObstacleScene, "scene", self._on_scene),
-                (KeypointGraph, "keypoint_graph", self._on_graph),
-                (SceneStatus, "scene_status", self._on_status),
-            )
-        ]
+        self._messages = OwnThread(node, "scene")
+        self._messages.subscribe(ObstacleScene, "scene", self._on_scene, LATCHED)
+        self._messages.subscribe(SceneStatus, "scene_status", self._on_status, LATCHED)
+        self._messages.subscribe(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
 
     def close(self) -> None:
         """Stop following."""
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+        self._messages.close()
         self._worker.stop()
 
     def expect_robot(self, name: str, share: float) -> None:
