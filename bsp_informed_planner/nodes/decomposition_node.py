@@ -11,6 +11,7 @@ import numpy as np
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneStatus
 from builtin_interfaces.msg import Time
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -98,7 +99,7 @@ class DecompositionNode(PlannerSuiteNode):
         sources = OwnThread(self, "scenes")
         self.release_with(sources.close)
         for profile in (UPDATES, LATCHED_UPDATES):
-            sources.subscribe(ObstacleScene, "obstacle_scene", self._on_scene, profile, with_info=True)
+            sources.subscribe(ObstacleScene, "obstacle_scene", self._on_scene, profile, raw=True)
         sources.subscribe(PointCloud2, "obstacle_points", self._on_points, NEWEST_POINTS)
 
     @property
@@ -122,16 +123,17 @@ class DecompositionNode(PlannerSuiteNode):
             **self._decomposed.values("decompositions"),
         }
 
-    def _on_scene(self, message: ObstacleScene, info: dict[str, int]) -> None:
+    def _on_scene(self, data: bytes, info: dict[str, int]) -> None:
         key = (info["source_timestamp"], info["publication_sequence_number"])
         if key in self._seen:
             return
         self._seen.append(key)
+        message = deserialize_message(data, ObstacleScene)
         self._take(
             "obstacle_scene", lambda: self._keeper.take_scene(message, self._settings.limits), message.header.stamp
         )
 
-    def _on_points(self, message: PointCloud2) -> None:
+    def _on_points(self, message: PointCloud2, _: object) -> None:
         resolution = self._settings.points_resolution
         self._take(
             "obstacle_points",

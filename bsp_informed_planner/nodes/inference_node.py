@@ -45,6 +45,8 @@ logger = logging.getLogger(__name__)
 
 #: Longest time for the guidance that a model is tried out with when its robot is new [s].
 WARM_UP_SECONDS = 2.0
+#: Head start of the planner node with a new scene [s]: it asks for guidance only if a short search finds no path.
+PLANNER_FIRST = 0.01
 MAX_SAMPLES = 100_000
 MAX_GOALS = 1000
 
@@ -76,7 +78,7 @@ class InferenceNode(PlannerSuiteNode):
         self._parameter_set = self.follow_parameters(InferenceParameters, self._on_parameters)
         self._estimates = Meter()
         self._samples = Meter()
-        self._world = WorldTracker(self, self._settings.allow_empty_scene)
+        self._world = WorldTracker(self, self._settings.allow_empty_scene, PLANNER_FIRST)
         self._models = ServedModels(self._settings.model_folder or None)
         self._models.require_sound()
         self._preparation = RobotPreparation(self._world, self._try_out, self.note_error)

@@ -1,4 +1,4 @@
-"""Messages and requests that a thread of their own waits for, apart from the executor of the node.
+"""Messages and requests that are waited for apart from the executor of the node, by a thread of their own.
 
 An executor of rclpy makes anew, after each callback, the set of what it waits for: of all its nodes the services of the
 lifecycle and of parameters, timers and events, in Python, which takes milliseconds. A thread that waits for two or three
@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -24,7 +25,7 @@ from rclpy.subscription import Subscription
 
 logger = logging.getLogger(__name__)
 
-#: After this time the thread looks whether ROS is still up [s], in case nobody told it.
+#: After this time a thread looks whether ROS is still up [s], in case nobody told it.
 LOOK_SECONDS = 1.0
 
 #: Sends the answer to a request; from any thread, once.
@@ -44,143 +45,131 @@ class _Apart(CallbackGroup):
         pass
 
 
-class OwnThread:
-    """Takes messages, requests and answers of a node in one thread, one after the other.
+class Intake:
+    """Some messages, requests and answers of a node, which are taken by whoever calls `take`, a thread at a time.
 
     Callbacks run in that thread, so those that take long belong in another one. What they raise is logged.
 
     Args:
         node: owns the entities; `close` comes before its end.
-        name: of the thread.
     """
 
-    def __init__(self, node: Node, name: str) -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
         self._group = _Apart()
         self._guard = GuardCondition(callback=None, callback_group=None, context=node.context)
         self._lock = threading.Lock()
-        self._subscriptions: list[tuple[Subscription, Callable[..., None]]] = []
-        self._services: list[tuple[Service, Callable[[Any, Reply], None]]] = []
-        self._clients: list[Client] = []
-        self._changed = True
-        self._stopping = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        self._subscriptions: tuple[tuple[Subscription, Callable[..., None]], ...] = ()
+        self._services: tuple[tuple[Service, Callable[[Any, Reply], None]], ...] = ()
+        self._clients: tuple[tuple[Client], ...] = ()
+        # What is waited for, and held meanwhile: it must not be destroyed.
+        self._held = ExitStack()
+        self._wait_set: Any = None
 
     def subscribe(
         self,
         kind: type,
         topic: str,
-        callback: Callable[..., None],
+        callback: Callable[[Any, dict[str, int]], None],
         profile: QoSProfile,
-        with_info: bool = False,
+        raw: bool = False,
     ) -> None:
-        """Call back with each message of a topic, and with where it comes from, if that is asked for."""
-        subscription = self._node.create_subscription(kind, topic, callback, profile, callback_group=self._group)
-        # Events, as that of a publisher that does not fit, are the executor's: they come rarely and may wait.
-        for handler in subscription.event_handlers:
-            handler.callback_group = self._node.default_callback_group
-            handler.callback_group.add_entity(handler)
-        self._add(self._subscriptions, (subscription, callback if with_info else _without_info(callback)))
+        """Call back with each message of a topic and where it is from. `raw`: with its bytes, to be read later or not."""
+        # Without the event of a publisher that does not fit, which its own log has, too: an executor that waited for it
+        # would go round and round as long as a message has come and is not taken.
+        subscription = self._node.create_subscription(
+            kind,
+            topic,
+            callback,
+            profile,
+            callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=raw,
+        )
+        with self._changing():
+            self._subscriptions += ((subscription, callback),)
 
     def serve(self, kind: type, name: str, callback: Callable[[Any, Reply], None], profile: QoSProfile) -> None:
         """Call back with each request of a service, and with what sends its answer: there and then, or later."""
         service = self._node.create_service(kind, name, callback, qos_profile=profile, callback_group=self._group)
-        self._add(self._services, (service, callback))
+        with self._changing():
+            self._services += ((service, callback),)
 
     def client(self, kind: type, name: str, profile: QoSProfile) -> Client:
-        """A client of a service, whose futures are resolved by the thread."""
+        """A client of a service; its futures are resolved in `take`."""
         client = self._node.create_client(kind, name, qos_profile=profile, callback_group=self._group)
-        self._add(self._clients, client)
+        with self._changing():
+            self._clients += ((client,),)
         return client
 
-    def close(self) -> None:
-        """End after the callback that runs, and destroy what was waited for. Not from one of the callbacks."""
-        self._stopping = True
-        self._wake()
-        self._thread.join()
-        for subscription, _ in self._subscriptions:
-            self._node.destroy_subscription(subscription)
-        for service, _ in self._services:
-            self._node.destroy_service(service)
-        for client in self._clients:
-            self._node.destroy_client(client)
-        self._guard.destroy()
-
-    def _add(self, entities: list[Any], entity: object) -> None:
-        with self._lock:
-            entities.append(entity)
-            self._changed = True
-        self._wake()
-
-    def _wake(self) -> None:
+    def wake(self) -> None:
+        """End the wait of `take`."""
         try:
             self._guard.trigger()
         except rclpy_implementation.RCLError as error:
             # ROS is down, and the wait over.
             logger.debug("not woken: %s", error)
 
-    def _run(self) -> None:
-        while not self._stopping and self._node.context.ok():
-            try:
-                self._wait()
-            except rclpy_implementation.RCLError as error:
-                if self._node.context.ok():
-                    self._node.get_logger().error(f"while waiting: {error}")
+    def close(self) -> None:
+        """Destroy all of it; nobody may be in `take`, or come there again."""
+        self._held.close()
+        for subscription, _ in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        for service, _ in self._services:
+            self._node.destroy_service(service)
+        for (client,) in self._clients:
+            self._node.destroy_client(client)
+        self._guard.destroy()
 
-    def _wait(self) -> None:
-        """Wait, and take what comes, until there is something else to wait for."""
-        context = self._node.context
+    def take(self, seconds: float) -> None:
+        """Wait until something is there, so long at most [s], and call back; one of each that is ready.
+
+        Raises:
+            RCLError: ROS is down.
+        """
         with self._lock:
-            subscriptions, services, clients = list(self._subscriptions), list(self._services), list(self._clients)
-            self._changed = False
-        with ExitStack() as held:
-            # As long as they are waited for they must not be destroyed.
-            for entity in (*(item for item, _ in subscriptions), *(item for item, _ in services), *clients):
-                held.enter_context(entity.handle)
-            held.enter_context(self._guard.handle)
-            held.enter_context(context.handle)
-            wait_set = rclpy_implementation.WaitSet(
-                len(subscriptions), 1, 0, len(clients), len(services), 0, context.handle
-            )
-            while not (self._changed or self._stopping) and context.ok():
-                wait_set.clear_entities()
-                wait_set.add_guard_condition(self._guard.handle)
-                for subscription, _ in subscriptions:
-                    wait_set.add_subscription(subscription.handle)
-                for service, _ in services:
-                    wait_set.add_service(service.handle)
-                for client in clients:
-                    wait_set.add_client(client.handle)
-                wait_set.wait(int(LOOK_SECONDS * 1e9))
-                self._take(wait_set, subscriptions, services, clients)
+            subscriptions, services, clients = self._subscriptions, self._services, self._clients
+            if self._wait_set is None:
+                self._wait_set = self._new_wait_set()
+            wait_set = self._wait_set
+        wait_set.clear_entities()
+        wait_set.add_guard_condition(self._guard.handle)
+        for subscription, _ in subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for service, _ in services:
+            wait_set.add_service(service.handle)
+        for (client,) in clients:
+            wait_set.add_client(client.handle)
+        wait_set.wait(int(seconds * 1e9))
+        for subscription, callback in _ready(wait_set, "subscription", subscriptions):
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is not None:
+                self._call(callback, *taken)
+        for service, answer in _ready(wait_set, "service", services):
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+            if header is not None:
+                self._call(answer, request, self._reply(service, header))
+        for (client,) in _ready(wait_set, "client", clients):
+            header, response = client.handle.take_response(client.srv_type.Response)
+            if header is not None:
+                self._call(_resolve, client, header, response)
 
-    def _take(
-        self,
-        wait_set: Any,
-        subscriptions: list[tuple[Subscription, Callable[..., None]]],
-        services: list[tuple[Service, Callable[[Any, Reply], None]]],
-        clients: list[Client],
-    ) -> None:
-        """One of each that is ready."""
-        ready = wait_set.get_ready_entities("subscription")
-        for subscription, callback in subscriptions:
-            if subscription.handle.pointer in ready:
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is not None:
-                    self._call(callback, *taken)
-        ready = wait_set.get_ready_entities("service")
-        for service, answer in services:
-            if service.handle.pointer in ready:
-                request, header = service.handle.service_take_request(service.srv_type.Request)
-                if header is not None:
-                    self._call(answer, request, self._reply(service, header))
-        ready = wait_set.get_ready_entities("client")
-        for client in clients:
-            if client.handle.pointer in ready:
-                header, response = client.handle.take_response(client.srv_type.Response)
-                if header is not None:
-                    self._call(_resolve, client, header, response)
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        """While there is something new to wait for."""
+        with self._lock:
+            yield
+            self._wait_set = None
+        self.wake()
+
+    def _new_wait_set(self) -> Any:
+        self._held.close()
+        context = self._node.context
+        for entity in (*self._subscriptions, *self._services, *self._clients, (self._guard,), (context,)):
+            self._held.enter_context(entity[0].handle)
+        return rclpy_implementation.WaitSet(
+            len(self._subscriptions), 1, 0, len(self._clients), len(self._services), 0, context.handle
+        )
 
     def _call(self, callback: Callable[..., None], *arguments: object) -> None:
         try:
@@ -199,8 +188,39 @@ class OwnThread:
         return reply
 
 
-def _without_info(callback: Callable[..., None]) -> Callable[..., None]:
-    return lambda message, _: callback(message)
+class OwnThread(Intake):
+    """An intake with a thread that takes what comes.
+
+    Args:
+        node: see `Intake`.
+        name: of the thread.
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        super().__init__(node)
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End after the callback that runs, and destroy what was waited for. Not from one of the callbacks."""
+        self._stopping = True
+        self.wake()
+        self._thread.join()
+        super().close()
+
+    def _run(self) -> None:
+        while not self._stopping and self._node.context.ok():
+            try:
+                self.take(LOOK_SECONDS)
+            except rclpy_implementation.RCLError as error:
+                if self._node.context.ok():
+                    self._node.get_logger().error(f"while waiting: {error}")
+
+
+def _ready(wait_set: Any, kind: str, entities: tuple[tuple[Any, ...], ...]) -> list[tuple[Any, ...]]:
+    pointers = wait_set.get_ready_entities(kind)
+    return [entity for entity in entities if entity[0].handle.pointer in pointers]
 
 
 def _resolve(client: Client, header: Any, response: object) -> None:

@@ -18,7 +18,7 @@ from bsp_informed_planner.errors import (
     UnknownFrameError,
     UnknownJointError,
 )
-from bsp_informed_planner.nodes.arrays import float64_field
+from bsp_informed_planner.nodes.arrays import float64_field, float64_rows
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg, pose_from_msg
 from bsp_informed_planner.nodes.scene_conversions import attachments_from_msg, permissions_from_msg
 from bsp_informed_planner.nodes.size_limits import LARGEST, SizeLimits
@@ -200,16 +200,16 @@ def trajectory_to_msg(trajectory: Trajectory, robot: Robot) -> JointTrajectory:
     message.points = [
         JointTrajectoryPoint(
             # Arrays, since of lists the message looks at each number.
-            positions=float64_field(position),
-            velocities=float64_field(velocity),
-            accelerations=float64_field(acceleration),
+            positions=position,
+            velocities=velocity,
+            accelerations=acceleration,
             time_from_start=duration_to_msg(seconds),
         )
         for seconds, position, velocity, acceleration in zip(
             trajectory.times.tolist(),
-            trajectory.positions,
-            trajectory.velocities,
-            trajectory.accelerations,
+            float64_rows(trajectory.positions),
+            float64_rows(trajectory.velocities),
+            float64_rows(trajectory.accelerations),
             strict=True,
         )
     ]

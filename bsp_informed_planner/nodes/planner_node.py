@@ -134,7 +134,7 @@ class PlannerNode(PlannerSuiteNode):
         self.release_with(action.destroy)
         requests = OwnThread(self, "requests")
         self.release_with(requests.close)
-        requests.subscribe(JointState, "joint_states", self._joints.take, qos_profile_sensor_data)
+        requests.subscribe(JointState, "joint_states", lambda m, _: self._joints.take(m), qos_profile_sensor_data)
         requests.serve(Plan, "plan", self._on_plan, SERVICES)
         requests.serve(GetPlannerInfo, "get_planner_info", self._on_get_planner_info, SERVICES)
         # Released first: every request is answered while the services are still there.

@@ -29,6 +29,8 @@ from bsp_informed_planner.scene.pose import FloatArray
 
 LIMITS = {"one process": 2.0, "processes": 5.0}
 ALLOWED_SECONDS = 5.0
+#: Pause after an answer [s].
+SETTLING_SECONDS = 0.03
 
 
 def overhead_part(quick: bool) -> Part:
@@ -77,6 +79,8 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
                 end = time.perf_counter()
                 if response.error_code != ErrorCode.SUCCESS:
                     raise RuntimeError(response.message)
+                # What others are told of the plan, after its answer, is neither's.
+                time.sleep(SETTLING_SECONDS)
                 # The first ones load what is needed once for a scene.
                 if repeat >= 2:
                     pairs.append((middle - begin, end - middle))
