@@ -15,6 +15,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError, SceneUnavailableError
@@ -61,6 +62,13 @@ def _wait_until(
             return True
         take(0.0)
     return condition()
+
+
+def _cancel(accepted: Future) -> None:
+    """Cancel a goal that has been sent, without waiting for what becomes of it."""
+    goal = accepted.result()
+    if goal is not None and goal.accepted:
+        goal.cancel_goal_async()
 
 
 class SuiteUnavailableError(BspPlannerError):
@@ -249,6 +257,8 @@ class SuiteClient:
     def plan_motion(self, request: PlanRequest, seconds: float, cancelled: Callable[[], bool]) -> PlanResponse:
         """Call the action `plan_motion`, which can be cancelled: the answer is then `ErrorCode.PREEMPTED`.
 
+        A goal whose answer is given up is cancelled, too.
+
         Args:
             request: what to plan.
             seconds: longest wait for the answer, beyond the time that planning itself may take [s].
@@ -265,15 +275,23 @@ class SuiteClient:
 
         wait(self._plan_motion.server_is_ready)
         accepted = self._plan_motion.send_goal_async(PlanMotion.Goal(request=request))
-        wait(accepted.done)
-        goal = accepted.result()
-        if not goal.accepted:
-            raise SuiteUnavailableError("action plan_motion took no goal: the planner node is not active")
-        outcome = goal.get_result_async()
-        wait(lambda: outcome.done() or cancelled())
-        if not outcome.done():
-            goal.cancel_goal_async()
-            wait(outcome.done)
+        try:
+            wait(accepted.done)
+            goal = accepted.result()
+            if not goal.accepted:
+                raise SuiteUnavailableError("action plan_motion took no goal: the planner node is not active")
+            outcome = goal.get_result_async()
+            wait(lambda: outcome.done() or cancelled())
+            if not outcome.done():
+                goal.cancel_goal_async()
+                wait(outcome.done)
+        except BaseException:
+            if accepted.done():
+                _cancel(accepted)
+            else:
+                # As soon as it is known, whenever this client listens again.
+                accepted.add_done_callback(_cancel)
+            raise
         response: PlanResponse = outcome.result().result.response
         return response
 

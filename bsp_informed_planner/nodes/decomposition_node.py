@@ -25,7 +25,6 @@ from bsp_informed_planner.nodes.graph_conversions import graph_to_msg
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
-from bsp_informed_planner.nodes.own_thread import OwnThread
 from bsp_informed_planner.nodes.qos import LATCHED, LATCHED_UPDATES, NEWEST_POINTS, UPDATES
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
 from bsp_informed_planner.nodes.scene_keeper import SceneKeeper
@@ -96,8 +95,7 @@ class DecompositionNode(PlannerSuiteNode):
         self._worker = NewestFirstWorker(self._decompose, "decompose", merge=_superseding)
         self.release_with(self._worker.stop)
         # A volatile subscription hears every publisher, but of a latched one not what it said before; the other does.
-        sources = OwnThread(self, "scenes")
-        self.release_with(sources.close)
+        sources = self.own_thread("scenes")
         for profile in (UPDATES, LATCHED_UPDATES):
             sources.subscribe(ObstacleScene, "obstacle_scene", self._on_scene, profile, raw=True)
         sources.subscribe(PointCloud2, "obstacle_points", self._on_points, NEWEST_POINTS)

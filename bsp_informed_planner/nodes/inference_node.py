@@ -26,7 +26,7 @@ from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
-from bsp_informed_planner.nodes.own_thread import OwnThread, Reply
+from bsp_informed_planner.nodes.own_thread import Reply
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.qos import SERVICES
 from bsp_informed_planner.nodes.robot_preparation import RobotPreparation
@@ -91,9 +91,7 @@ class InferenceNode(PlannerSuiteNode):
             (EstimateKeypoints, "estimate_keypoints", self._on_estimate),
             (SampleConfigurations, "sample_configurations", self._on_sample),
         ):
-            requests = OwnThread(self, name)
-            self.release_with(requests.close)
-            requests.serve(kind, name, callback, SERVICES)
+            self.own_thread(name).serve(kind, name, callback, SERVICES)
 
     @property
     def _settings(self) -> InferenceParameters:

@@ -1,8 +1,8 @@
 """Messages and requests that are waited for apart from the executor of the node, by a thread of their own.
 
-An executor of rclpy makes anew, after each callback, the set of what it waits for: of all its nodes the services of the
-lifecycle and of parameters, timers and events, in Python, which takes milliseconds. A thread that waits for two or three
-things takes a tenth of one, and what is slow elsewhere does not keep it.
+An executor of rclpy makes anew, after each callback, the set of what it waits for: of all its nodes the services of
+the lifecycle and of parameters, timers and events, in Python, which takes milliseconds. A thread that waits for two or
+three things takes a tenth of one, and what is slow elsewhere does not keep it.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 
 #: After this time a thread looks whether ROS is still up [s], in case nobody told it.
 LOOK_SECONDS = 1.0
+#: The same for a thread that has yet to begin [s].
+BEGIN_SECONDS = 0.1
 
 #: Sends the answer to a request; from any thread, once.
 Reply = Callable[[Any], None]
@@ -74,7 +76,7 @@ class Intake:
         profile: QoSProfile,
         raw: bool = False,
     ) -> None:
-        """Call back with each message of a topic and where it is from. `raw`: with its bytes, to be read later or not."""
+        """Call back with each message of a topic, and where it is from. `raw`: with its bytes, to be read later."""
         # Without the event of a publisher that does not fit, which its own log has, too: an executor that waited for it
         # would go round and round as long as a message has come and is not taken.
         subscription = self._node.create_subscription(
@@ -194,10 +196,12 @@ class OwnThread(Intake):
     Args:
         node: see `Intake`.
         name: of the thread.
+        begin: what comes is not taken before this is set; None: at once.
     """
 
-    def __init__(self, node: Node, name: str) -> None:
+    def __init__(self, node: Node, name: str, begin: threading.Event | None = None) -> None:
         super().__init__(node)
+        self._begin = begin
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -210,6 +214,9 @@ class OwnThread(Intake):
         super().close()
 
     def _run(self) -> None:
+        while self._begin is not None and not self._begin.wait(BEGIN_SECONDS):
+            if self._stopping:
+                return
         while not self._stopping and self._node.context.ok():
             try:
                 self.take(LOOK_SECONDS)

@@ -29,7 +29,7 @@ from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
-from bsp_informed_planner.nodes.own_thread import OwnThread, Reply
+from bsp_informed_planner.nodes.own_thread import Reply
 from bsp_informed_planner.nodes.plan_conversions import (
     changes_from_msg,
     options_from_msg,
@@ -132,8 +132,7 @@ class PlannerNode(PlannerSuiteNode):
             cancel_service_qos_profile=SERVICES,
         )
         self.release_with(action.destroy)
-        requests = OwnThread(self, "requests")
-        self.release_with(requests.close)
+        requests = self.own_thread("requests")
         requests.subscribe(JointState, "joint_states", lambda m, _: self._joints.take(m), qos_profile_sensor_data)
         requests.serve(Plan, "plan", self._on_plan, SERVICES)
         requests.serve(GetPlannerInfo, "get_planner_info", self._on_get_planner_info, SERVICES)

@@ -27,6 +27,8 @@ BATCH = 256
 MAX_CHAINS = 16
 #: Pause before asking an inference node again that is behind with the scene [s].
 RETRY_SECONDS = 0.01
+#: How long the first plans wait for a service that has never been there [s]: it may not have been heard of yet.
+DISCOVERY_SECONDS = 1.0
 
 
 class InferenceUnavailableError(Exception):
@@ -45,6 +47,8 @@ class RemoteGuide:
 
     def __init__(self, node: LifecycleNode, timeout: float) -> None:
         self.timeout = timeout
+        # Until when it is waited for services that are not there; None: nobody has asked yet.
+        self._discovery_end: float | None = None
         self._answers = OwnThread(node, "guidance")
         self._estimate = self._answers.client(EstimateKeypoints, "estimate_keypoints", SERVICES)
         self._sample = self._answers.client(SampleConfigurations, "sample_configurations", SERVICES)
@@ -123,9 +127,22 @@ class RemoteGuide:
             raise InferenceUnavailableError(f"{client.srv_name}: {answer.message}")
         return answer
 
+    def _require(self, client: Client, end: float, cancelled: Callable[[], bool] | None) -> None:
+        """Wait for a service, if this node is new; one that was there, or has been waited for, is gone."""
+        while not client.service_is_ready():
+            now = time.monotonic()
+            if self._discovery_end is None:
+                self._discovery_end = now + DISCOVERY_SECONDS
+            if now >= min(self._discovery_end, end):
+                raise InferenceUnavailableError(f"service {client.srv_name} is not there")
+            if cancelled is not None and cancelled():
+                raise PlanningCancelledError
+            time.sleep(RETRY_SECONDS)
+        if client is self._sample:
+            self._discovery_end = 0.0
+
     def _call_once(self, client: Client, request: Any, end: float, cancelled: Callable[[], bool] | None) -> Any:
-        if not client.service_is_ready():
-            raise InferenceUnavailableError(f"service {client.srv_name} is not there")
+        self._require(client, end, cancelled)
         future = client.call_async(request)
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())

@@ -33,7 +33,7 @@ def obstacles_outside(scene: Scene) -> tuple[str, ...]:
 
 
 def _is_seen_at_once(obstacle: Obstacle, bounds: WorkspaceBounds) -> bool:
-    """Whether the middle of a shape that surely is solid there lies within bounds: so with most obstacles of most scenes."""
+    """Whether the middle of a shape that surely is solid there lies within bounds, as of most obstacles it does."""
     rotation, origin = obstacle.pose.rotation, obstacle.pose.position
     for shape, pose in obstacle.shapes:
         if isinstance(shape, (Box, Sphere, Cylinder)):
