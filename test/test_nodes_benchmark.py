@@ -86,6 +86,7 @@ def test_figures_of_the_other_parts() -> None:
         "library": [0.010, 0.012],
         "service": [0.011, 0.0135],
         "empty": [0.0005, 0.0005],
+        "points": [30, 40],
         "difference": [0.001, 0.0015],
         "different_paths": 0,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import sys
 import threading
@@ -246,6 +247,9 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         started = node.autostart() or not rclpy.ok()
         if started:
             node.create_timer(MEMORY_PERIOD, return_free_memory, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            # What is loaded stays: to look through it for garbage again and again would take tens of milliseconds.
+            gc.collect()
+            gc.freeze()
             # Callbacks must not wait for the interpreter while plans run in Python.
             sys.setswitchinterval(SWITCH_SECONDS)
             executor = MultiThreadedExecutor(num_threads=4)

@@ -75,7 +75,7 @@ class Intake:
         callback: Callable[[Any, dict[str, int]], None],
         profile: QoSProfile,
         raw: bool = False,
-    ) -> None:
+    ) -> Subscription:
         """Call back with each message of a topic, and where it is from. `raw`: with its bytes, to be read later."""
         # Without the event of a publisher that does not fit, which its own log has, too: an executor that waited for it
         # would go round and round as long as a message has come and is not taken.
@@ -90,6 +90,7 @@ class Intake:
         )
         with self._changing():
             self._subscriptions += ((subscription, callback),)
+        return subscription
 
     def serve(self, kind: type, name: str, callback: Callable[[Any, Reply], None], profile: QoSProfile) -> None:
         """Call back with each request of a service, and with what sends its answer: there and then, or later."""

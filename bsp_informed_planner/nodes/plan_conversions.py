@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping
 
 import numpy as np
@@ -198,13 +199,7 @@ def trajectory_to_msg(trajectory: Trajectory, robot: Robot) -> JointTrajectory:
     message = JointTrajectory(joint_names=list(robot.joint_names))
     message.header.frame_id = robot.root_frame
     message.points = [
-        JointTrajectoryPoint(
-            # Arrays, since of lists the message looks at each number.
-            positions=position,
-            velocities=velocity,
-            accelerations=acceleration,
-            time_from_start=duration_to_msg(seconds),
-        )
+        _point(position, velocity, acceleration, duration_to_msg(seconds))
         for seconds, position, velocity, acceleration in zip(
             trajectory.times.tolist(),
             float64_rows(trajectory.positions),
@@ -214,6 +209,20 @@ def trajectory_to_msg(trajectory: Trajectory, robot: Robot) -> JointTrajectory:
         )
     ]
     return message
+
+
+_NO_EFFORT = array("d")
+
+
+def _point(
+    positions: array[float], velocities: array[float], accelerations: array[float], time_from_start: Duration
+) -> JointTrajectoryPoint:
+    """A point with these arrays. The message's constructor copies each twice: of an answer, half of the work."""
+    point = JointTrajectoryPoint.__new__(JointTrajectoryPoint)
+    point._check_fields = False
+    point._positions, point._velocities, point._accelerations = positions, velocities, accelerations
+    point._effort, point._time_from_start = _NO_EFFORT, time_from_start
+    return point
 
 
 def duration_to_msg(seconds: float) -> Duration:

@@ -128,7 +128,7 @@ class WorldTracker:
         self._head_start = head_start
         self._worker = NewestFirstWorker(self._prepare, "world", pause=PREPARATION_PERIOD, delay=PREPARATION_DELAY)
         self._messages = OwnThread(node, "scene")
-        self._messages.subscribe(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True)
+        self._scenes = self._messages.subscribe(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True)
         self._messages.subscribe(SceneStatus, "scene_status", self._on_status, LATCHED)
         self._messages.subscribe(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
 
@@ -279,7 +279,7 @@ class WorldTracker:
             raise SceneRefusedError(refusal)
         if self._scene is None or self._scene[0] != status.epoch:
             raise SceneUnavailableError("no scene yet: publish one on obstacle_scene")
-        if not self._node.count_publishers("scene"):
+        if not self._scenes.get_publisher_count():
             raise SceneUnavailableError(
                 f"nobody publishes `scene` any more, so changes of scene {self._scene[1].revision} would not be heard "
                 "of: is the decomposition node running?"

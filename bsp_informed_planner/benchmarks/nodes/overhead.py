@@ -48,6 +48,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     library: list[float] = []
     service: list[float] = []
     empty: list[float] = []
+    points: list[int] = []
     differences: list[float] = []
     different = 0
     with ExitStack() as stack:
@@ -93,6 +94,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
             times: FloatArray = np.array(times_taken)
             library.append(float(np.median(times[:, 0])))
             service.append(float(np.median(times[:, 1])))
+            points.append(len(response.trajectory.points))
             empty.append(float(np.median(times[:, 2])))
             differences.append(float(np.median(times[:, 1] - times[:, 0])))
     return {
@@ -100,6 +102,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         "library": library,
         "service": service,
         "empty": empty,
+        "points": points,
         "difference": differences,
         "different_paths": different,
     }
@@ -120,7 +123,10 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
             median(1e3 * column([{"value": value} for value in row[name]], "value"), rng)
             for name in ("library", "service", "difference", "empty")
         )
-        table.append([row["where"], len(row["library"]), library, service, difference, empty, row["different_paths"]])
+        points = f"{np.median(row['points']):.0f}"
+        table.append(
+            [row["where"], len(row["library"]), points, library, service, difference, empty, row["different_paths"]]
+        )
         section.require(
             RequiredNumber(
                 f"plan service over the library, {row['where']}", difference, "at most", LIMITS[str(row["where"])], "ms"
@@ -131,6 +137,7 @@ def summarise(rows: Sequence[Row], section: Section, rng: np.random.Generator) -
         [
             "nodes",
             "problems",
+            "points",
             "library [ms]",
             "service [ms]",
             "difference of pairs [ms]",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import sys
@@ -59,6 +60,9 @@ def nodes_in_this_process(parameters: NodeParameters) -> Iterator[Callable[[], S
             executor.add_node(node)
             stack.callback(executor.remove_node, node)
         thread.start()
+        gc.collect()
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         yield client
 
 
