@@ -32,6 +32,7 @@ from suite import (
 )
 
 from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.nodes import remote_guidance
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
@@ -39,6 +40,7 @@ from bsp_informed_planner.nodes.lifecycle import CANNOT_START, PlannerSuiteNode,
 from bsp_informed_planner.nodes.planner_node import PlannerNode
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
+from bsp_informed_planner.sampling.guide import EXACT
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 
@@ -225,6 +227,34 @@ def test_foreign_guidance_cannot_spoil_a_plan(suite: Suite, chain: list[list[flo
     assert said in response.fallback_reason
     suite.executor.remove_node(foreign.node)
     foreign.node.destroy_node()
+
+
+def test_the_first_plan_waits_for_guidance_that_has_not_been_heard_of(
+    suite: Suite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_guidance, "DISCOVERY_SECONDS", PATIENCE)
+    suite.add(DecompositionNode)
+    planner = suite.add(PlannerNode)
+    assert isinstance(planner, PlannerNode)
+    client = suite.client()
+    spin_until(client, lambda: client._publisher.get_subscription_count() > 0 and client._plan.service_is_ready())
+    client.publish_scene(gap_scene(0.8), PATIENCE)
+    suite.settle(client)
+    responses: list[PlanResponse] = []
+    thread = threading.Thread(target=lambda: responses.append(client.plan(guided_request(), PATIENCE)))
+    thread.start()
+    until(lambda: planner._guide._discovery_end is not None)
+    inference = suite.add(InferenceNode)
+    thread.join(PATIENCE)
+    assert [response.fallback_reason for response in responses] == [""]
+    assert responses[0].sampler_id == EXACT
+    # Once it has been there it is not waited for again, though there would be time.
+    suite.remove(inference)
+    spin_until(client, lambda: not planner._guide._sample.service_is_ready())
+    begin = time.monotonic()
+    response = client.plan(guided_request(), PATIENCE)
+    assert "is not there" in response.fallback_reason
+    assert time.monotonic() - begin < SOON
 
 
 def test_hostile_messages_do_not_end_nodes(suite: Suite) -> None:

@@ -26,7 +26,7 @@ from suite import (
     waypoints,
 )
 
-from bsp_informed_planner.nodes.client import SuiteClient
+from bsp_informed_planner.nodes.client import SuiteClient, _wait_until
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
@@ -151,7 +151,7 @@ def test_an_answer_waits_for_a_client_that_is_slow_to_read(suite: Suite) -> None
     answer = slow._plan.call_async(Plan.Request(request=PlanRequest(planner_id="none")))
     for _ in range(40):
         assert quick.plan(PlanRequest(planner_id="none"), PATIENCE).error_code != ErrorCode.SUCCESS
-    spin_until(slow, answer.done, "its answer was lost")
+    assert _wait_until(answer.done, PATIENCE, None, slow._answers.take), "its answer was lost"
 
 
 def test_clocks_may_jump() -> None:

@@ -85,12 +85,15 @@ def test_figures_of_the_other_parts() -> None:
         "where": "one process",
         "library": [0.010, 0.012],
         "service": [0.011, 0.0135],
+        "empty": [0.0005, 0.0005],
+        "points": [30, 40],
         "difference": [0.001, 0.0015],
         "different_paths": 0,
     }
     overhead.summarise([row], section, RNG)
     assert "plan service over the library, one process: 1.25" in lines(section)[0]
     assert lines(section)[0].endswith("holds")
+    assert "empty service round trip, one process: 0.5" in lines(section)[1]
     section = Section("stress")
     stress.summarise(
         [

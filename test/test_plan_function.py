@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from suite import PATIENCE, Suite, gap_scene, running_suite
+from suite import PATIENCE, SOON, Suite, gap_scene, running_suite
 
 from bsp_informed_planner.errors import PlanningCancelledError, PlanningFailedError, SceneUnavailableError
+from bsp_informed_planner.nodes.client import SuiteUnavailableError
 from bsp_informed_planner.nodes.plan_function import plan_request, plan_through
 from bsp_informed_planner.nodes.planner_node import PlannerNode
 from bsp_informed_planner.planning.problem import JointGoal, PlanOptions, PoseGoal
@@ -52,6 +53,11 @@ def test_the_nodes_answer(point: Suite) -> None:
         plan(question(first_solution=False, allowed_seconds=60.0), lambda: True)
     node = next(node for node in point.nodes if isinstance(node, PlannerNode))
     assert client.spin_until(lambda: node.diagnostic_values()["plans_in_flight"] == 0, PATIENCE)
+    # So is one whose answer has not come in time: a client that waits for minus a minute and a second beyond a minute.
+    request = plan_request(question(first_solution=False, allowed_seconds=60.0), PointRobot(), revision)
+    with pytest.raises(SuiteUnavailableError):
+        client.plan_motion(request, -59.0, lambda: False)
+    assert client.spin_until(lambda: node.diagnostic_values()["plans_in_flight"] == 0, SOON)
     # One on a scene that is not in force any more.
     client.publish_scene(gap_scene(0.2), PATIENCE)
     point.settle(client)

@@ -15,6 +15,12 @@ def float64_field(values: FloatArray) -> array[float]:
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
+def float64_rows(table: FloatArray) -> list[array[float]]:
+    """The rows of a table, (k, n), each for a float64[] field of a message of its own."""
+    flat, width = float64_field(table), table.shape[1]
+    return [flat[first : first + width] for first in range(0, len(flat), width)]
+
+
 def int32_field(values: np.ndarray) -> array[int]:
     """The same for an int32[] field."""
     return array("i", np.ascontiguousarray(values, dtype=np.int32).tobytes())

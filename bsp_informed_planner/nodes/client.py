@@ -14,17 +14,22 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from bsp_informed_planner.errors import BspPlannerError, SceneRefusedError, SceneUnavailableError
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.obstacle_conversions import pose_to_msg
+from bsp_informed_planner.nodes.own_thread import Intake
 from bsp_informed_planner.nodes.qos import LATCHED, SERVICES
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg, scene_to_msg
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.planning_problem import ScenarioProblem
 from bsp_informed_planner.scene.scene import Scene
 
+#: Longest wait for a message before a caller is asked whether it still waits [s].
+LOOK_PERIOD = 0.05
 #: Messages that are still read when the time to wait for one is over.
 LAST_MESSAGES = 20
 
@@ -37,6 +42,33 @@ def _planning_seconds(request: PlanRequest) -> float:
     """How long a plan may take [s]. A time that is nonsense is refused at once."""
     seconds = float(request.allowed_planning_time)
     return seconds if 0.0 < seconds < math.inf else 0.0
+
+
+def _wait_until(
+    condition: Callable[[], bool],
+    seconds: float,
+    alive: Callable[[], None] | None,
+    take: Callable[[float], None],
+) -> bool:
+    """Have messages taken until something holds. `take`: waits so long at most for one [s]."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() <= end:
+        if alive is not None:
+            alive()
+        take(LOOK_PERIOD)
+    # Where this process itself was held up, what has come in time is still to be read.
+    for _ in range(LAST_MESSAGES):
+        if condition():
+            return True
+        take(0.0)
+    return condition()
+
+
+def _cancel(accepted: Future) -> None:
+    """Cancel a goal that has been sent, without waiting for what becomes of it."""
+    goal = accepted.result()
+    if goal is not None and goal.accepted:
+        goal.cancel_goal_async()
 
 
 class SuiteUnavailableError(BspPlannerError):
@@ -57,7 +89,9 @@ class SuiteClient:
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._publisher = node.create_publisher(ObstacleScene, "obstacle_scene", LATCHED)
-        self._plan = node.create_client(Plan, "plan", qos_profile=SERVICES)
+        # Apart, since there is nothing else to wait for while a plan is made.
+        self._answers = Intake(node)
+        self._plan = self._answers.client(Plan, "plan", SERVICES)
         self._plan_motion = ActionClient(
             node, PlanMotion, "plan_motion", goal_service_qos_profile=SERVICES, result_service_qos_profile=SERVICES,
             cancel_service_qos_profile=SERVICES,
@@ -65,14 +99,16 @@ class SuiteClient:
         self._status: SceneStatus | None = None
         self._statuses = 0
         self.keypoint_graph: KeypointGraph | None = None
-        self._scene: ObstacleScene | None = None
+        self._scene: bytes | None = None
         node.create_subscription(SceneStatus, "scene_status", self._on_status, LATCHED)
         node.create_subscription(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
-        node.create_subscription(ObstacleScene, "scene", self._on_scene, LATCHED)
+        # To be read when it is asked for.
+        node.create_subscription(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True)
 
     def close(self) -> None:
         """Leave the node to its owner."""
         self._plan_motion.destroy()
+        self._answers.close()
         self._executor.remove_node(self._node)
         self._executor.shutdown()
 
@@ -94,17 +130,7 @@ class SuiteClient:
         Returns:
             whether it holds.
         """
-        end = time.monotonic() + seconds
-        while not condition() and time.monotonic() <= end:
-            if alive is not None:
-                alive()
-            self._executor.spin_once(timeout_sec=0.05)
-        # Where this process itself was held up, what has come in time is still to be read.
-        for _ in range(LAST_MESSAGES):
-            if condition():
-                return True
-            self._executor.spin_once(timeout_sec=0.0)
-        return condition()
+        return _wait_until(condition, seconds, alive, self._executor.spin_once)
 
     def spin_for(self, seconds: float) -> None:
         """Let messages come for a time [s]."""
@@ -203,7 +229,7 @@ class SuiteClient:
         if not self.spin_until(lambda: self._scene is not None, seconds):
             raise SceneUnavailableError(f"no scene within {seconds:.0f} s: the decomposition node has been sent none")
         assert self._scene is not None
-        return scene_from_msg(self._scene)
+        return scene_from_msg(deserialize_message(self._scene, ObstacleScene))
 
     def plan(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None = None) -> PlanResponse:
         """Call `plan`.
@@ -231,6 +257,8 @@ class SuiteClient:
     def plan_motion(self, request: PlanRequest, seconds: float, cancelled: Callable[[], bool]) -> PlanResponse:
         """Call the action `plan_motion`, which can be cancelled: the answer is then `ErrorCode.PREEMPTED`.
 
+        A goal whose answer is given up is cancelled, too.
+
         Args:
             request: what to plan.
             seconds: longest wait for the answer, beyond the time that planning itself may take [s].
@@ -247,21 +275,29 @@ class SuiteClient:
 
         wait(self._plan_motion.server_is_ready)
         accepted = self._plan_motion.send_goal_async(PlanMotion.Goal(request=request))
-        wait(accepted.done)
-        goal = accepted.result()
-        if not goal.accepted:
-            raise SuiteUnavailableError("action plan_motion took no goal: the planner node is not active")
-        outcome = goal.get_result_async()
-        wait(lambda: outcome.done() or cancelled())
-        if not outcome.done():
-            goal.cancel_goal_async()
-            wait(outcome.done)
+        try:
+            wait(accepted.done)
+            goal = accepted.result()
+            if not goal.accepted:
+                raise SuiteUnavailableError("action plan_motion took no goal: the planner node is not active")
+            outcome = goal.get_result_async()
+            wait(lambda: outcome.done() or cancelled())
+            if not outcome.done():
+                goal.cancel_goal_async()
+                wait(outcome.done)
+        except BaseException:
+            if accepted.done():
+                _cancel(accepted)
+            else:
+                # As soon as it is known, whenever this client listens again.
+                accepted.add_done_callback(_cancel)
+            raise
         response: PlanResponse = outcome.result().result.response
         return response
 
     def _plan_once(self, request: PlanRequest, seconds: float, alive: Callable[[], None] | None) -> PlanResponse:
         future = self._plan.call_async(Plan.Request(request=request))
-        if not self.spin_until(future.done, seconds + _planning_seconds(request), alive):
+        if not _wait_until(future.done, seconds + _planning_seconds(request), alive, self._answers.take):
             self._plan.remove_pending_request(future)
             raise SuiteUnavailableError(f"service {self._plan.srv_name} did not answer")
         return future.result().response
@@ -270,8 +306,8 @@ class SuiteClient:
         self._status = message
         self._statuses += 1
 
-    def _on_scene(self, message: ObstacleScene) -> None:
-        self._scene = message
+    def _on_scene(self, data: bytes) -> None:
+        self._scene = data
 
     def _on_graph(self, message: KeypointGraph) -> None:
         self.keypoint_graph = message

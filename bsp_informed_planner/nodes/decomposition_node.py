@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneStatus
 from builtin_interfaces.msg import Time
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -95,16 +95,10 @@ class DecompositionNode(PlannerSuiteNode):
         self._worker = NewestFirstWorker(self._decompose, "decompose", merge=_superseding)
         self.release_with(self._worker.stop)
         # A volatile subscription hears every publisher, but of a latched one not what it said before; the other does.
-        group = MutuallyExclusiveCallbackGroup()
+        sources = self.own_thread("scenes")
         for profile in (UPDATES, LATCHED_UPDATES):
-            subscription = self.create_subscription(
-                ObstacleScene, "obstacle_scene", self._on_scene, profile, callback_group=group
-            )
-            self.release_with(self.destroy_subscription, subscription)
-        points = self.create_subscription(
-            PointCloud2, "obstacle_points", self._on_points, NEWEST_POINTS, callback_group=group
-        )
-        self.release_with(self.destroy_subscription, points)
+            sources.subscribe(ObstacleScene, "obstacle_scene", self._on_scene, profile, raw=True)
+        sources.subscribe(PointCloud2, "obstacle_points", self._on_points, NEWEST_POINTS)
 
     @property
     def _settings(self) -> DecompositionParameters:
@@ -127,16 +121,17 @@ class DecompositionNode(PlannerSuiteNode):
             **self._decomposed.values("decompositions"),
         }
 
-    def _on_scene(self, message: ObstacleScene, info: dict[str, int]) -> None:
+    def _on_scene(self, data: bytes, info: dict[str, int]) -> None:
         key = (info["source_timestamp"], info["publication_sequence_number"])
         if key in self._seen:
             return
         self._seen.append(key)
+        message = deserialize_message(data, ObstacleScene)
         self._take(
             "obstacle_scene", lambda: self._keeper.take_scene(message, self._settings.limits), message.header.stamp
         )
 
-    def _on_points(self, message: PointCloud2) -> None:
+    def _on_points(self, message: PointCloud2, _: object) -> None:
         resolution = self._settings.points_resolution
         self._take(
             "obstacle_points",

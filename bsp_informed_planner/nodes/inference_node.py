@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from bsp_informed_planner_msgs.srv import EstimateKeypoints, SampleConfigurations
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from bsp_informed_planner.errors import (
     BspPlannerError,
@@ -27,6 +26,7 @@ from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg
+from bsp_informed_planner.nodes.own_thread import Reply
 from bsp_informed_planner.nodes.parameters import parameter
 from bsp_informed_planner.nodes.qos import SERVICES
 from bsp_informed_planner.nodes.robot_preparation import RobotPreparation
@@ -45,6 +45,8 @@ logger = logging.getLogger(__name__)
 
 #: Longest time for the guidance that a model is tried out with when its robot is new [s].
 WARM_UP_SECONDS = 2.0
+#: Head start of the planner node with a new scene [s]: it asks for guidance only if a short search finds no path.
+PLANNER_FIRST = 0.01
 MAX_SAMPLES = 100_000
 MAX_GOALS = 1000
 
@@ -76,7 +78,7 @@ class InferenceNode(PlannerSuiteNode):
         self._parameter_set = self.follow_parameters(InferenceParameters, self._on_parameters)
         self._estimates = Meter()
         self._samples = Meter()
-        self._world = WorldTracker(self, self._settings.allow_empty_scene)
+        self._world = WorldTracker(self, self._settings.allow_empty_scene, PLANNER_FIRST)
         self._models = ServedModels(self._settings.model_folder or None)
         self._models.require_sound()
         self._preparation = RobotPreparation(self._world, self._try_out, self.note_error)
@@ -84,15 +86,12 @@ class InferenceNode(PlannerSuiteNode):
         self._robot_source = RobotSource(self, self._settings, self._on_robot, self.note_error)
         self.release_with(self._world.close)
         self.release_with(self._robot_source.close)
-        # One request of a kind at a time, so that threads of the executor remain for the scene.
+        # One request of a kind at a time; the scene comes in through a thread of its own.
         for kind, name, callback in (
             (EstimateKeypoints, "estimate_keypoints", self._on_estimate),
             (SampleConfigurations, "sample_configurations", self._on_sample),
         ):
-            service = self.create_service(
-                kind, name, callback, qos_profile=SERVICES, callback_group=MutuallyExclusiveCallbackGroup()
-            )
-            self.release_with(self.destroy_service, service)
+            self.own_thread(name).serve(kind, name, callback, SERVICES)
 
     @property
     def _settings(self) -> InferenceParameters:
@@ -132,17 +131,15 @@ class InferenceNode(PlannerSuiteNode):
             **self._samples.values("sample_batches"),
         }
 
-    def _on_estimate(
-        self, request: EstimateKeypoints.Request, response: EstimateKeypoints.Response
-    ) -> EstimateKeypoints.Response:
-        begin = time.monotonic()
+    def _on_estimate(self, request: EstimateKeypoints.Request, reply: Reply) -> None:
+        begin, response = time.monotonic(), EstimateKeypoints.Response()
         try:
             self._estimate(request, response, begin + self._settings.max_seconds)
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self._refuse(error, response)
         response.inference_seconds = time.monotonic() - begin
+        reply(response)
         self._estimates.count(response.inference_seconds)
-        return response
 
     def _estimate(
         self, request: EstimateKeypoints.Request, response: EstimateKeypoints.Response, deadline: float
@@ -177,17 +174,15 @@ class InferenceNode(PlannerSuiteNode):
         response.error_code = int(ErrorCode.SUCCESS)
         response.message = guidance.fallback_reason
 
-    def _on_sample(
-        self, request: SampleConfigurations.Request, response: SampleConfigurations.Response
-    ) -> SampleConfigurations.Response:
-        begin = time.monotonic()
+    def _on_sample(self, request: SampleConfigurations.Request, reply: Reply) -> None:
+        begin, response = time.monotonic(), SampleConfigurations.Response()
         try:
             self._sample(request, response)
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self._refuse(error, response)
         response.inference_seconds = time.monotonic() - begin
+        reply(response)
         self._samples.count(response.inference_seconds)
-        return response
 
     def _sample(self, request: SampleConfigurations.Request, response: SampleConfigurations.Response) -> None:
         self.require_active()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -19,6 +21,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.errors import BspPlannerError, NodeInactiveError
+from bsp_informed_planner.nodes.memory import return_free_memory, return_large_blocks
+from bsp_informed_planner.nodes.own_thread import OwnThread
 from bsp_informed_planner.nodes.parameters import NodeParameters, ParameterSet, declare
 
 logger = logging.getLogger(__name__)
@@ -29,6 +33,8 @@ T = TypeVar("T", bound=NodeParameters)
 DIAGNOSTICS_PERIOD = 1.0
 #: How long a thread may keep the interpreter when others want it [s].
 SWITCH_SECONDS = 5e-4
+#: How often a process returns memory that is free to the system [s].
+MEMORY_PERIOD = 10.0
 #: Exit status of a process whose node could not be configured: to start it again would not help.
 CANNOT_START = 3
 #: How long an error makes diagnostics a warning [s].
@@ -52,6 +58,7 @@ class PlannerSuiteNode(LifecycleNode):
         self._last_error = ""
         self._last_error_time = 0.0
         self._resources = ExitStack()
+        self._may_serve = threading.Event()
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         declare(self, NodeParameters, "autostart")
 
@@ -79,6 +86,12 @@ class PlannerSuiteNode(LifecycleNode):
         """Call this when the node is cleaned up, after what was registered later."""
         self._resources.callback(release, *arguments)
 
+    def own_thread(self, name: str) -> OwnThread:
+        """For requests and messages, until the node is cleaned up; those that come while it starts wait for that."""
+        thread = OwnThread(self, name, self._may_serve)
+        self.release_with(thread.close)
+        return thread
+
     def diagnostic_values(self) -> dict[str, object]:
         """What the node tells of itself, by name."""
         return {}
@@ -99,6 +112,7 @@ class PlannerSuiteNode(LifecycleNode):
     def autostart(self) -> bool:
         """Configure and activate, if the parameter says so. False if that failed."""
         if not self.get_parameter("autostart").value:
+            self._may_serve.set()
             return True
         if self.trigger_configure() is not TransitionCallbackReturn.SUCCESS:
             return False
@@ -125,6 +139,7 @@ class PlannerSuiteNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._is_serving = True
+        self._may_serve.set()
         self.get_logger().info("active")
         return super().on_activate(state)
 
@@ -214,6 +229,7 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         args: command line, by default that of the process.
     """
     started = True
+    return_large_blocks()
     try:
         rclpy.init(args=args)
     except rclpy_implementation.RCLError as error:
@@ -230,6 +246,10 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
         library.addHandler(handler)
         started = node.autostart() or not rclpy.ok()
         if started:
+            node.create_timer(MEMORY_PERIOD, return_free_memory, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            # What is loaded stays: to look through it for garbage again and again would take tens of milliseconds.
+            gc.collect()
+            gc.freeze()
             # Callbacks must not wait for the interpreter while plans run in Python.
             sys.setswitchinterval(SWITCH_SECONDS)
             executor = MultiThreadedExecutor(num_threads=4)

@@ -16,6 +16,7 @@ class NewestFirstWorker(Generic[T]):
         work: called in the thread with one item at a time; must not raise.
         name: of the thread.
         pause: least time between the end of one item and the beginning of the next [s].
+        delay: time between the first submission and the beginning of the work [s].
         merge: called with an item that is dropped and the newer one; returns what is to be worked on instead.
     """
 
@@ -24,10 +25,12 @@ class NewestFirstWorker(Generic[T]):
         work: Callable[[T], None],
         name: str,
         pause: float = 0.0,
+        delay: float = 0.0,
         merge: Callable[[T, T], T] = lambda _, newer: newer,
     ) -> None:
         self._work = work
         self._pause = pause
+        self._delay = delay
         self._merge = merge
         self._changed = threading.Condition()
         self._pending: list[T] = []
@@ -56,6 +59,8 @@ class NewestFirstWorker(Generic[T]):
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._pending or self._stopping)
+                if self._delay:
+                    self._changed.wait_for(lambda: self._stopping, self._delay)
                 if self._stopping:
                     return
                 item = self._pending.pop()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping
 
 import numpy as np
@@ -18,7 +19,7 @@ from bsp_informed_planner.errors import (
     UnknownFrameError,
     UnknownJointError,
 )
-from bsp_informed_planner.nodes.arrays import float64_field
+from bsp_informed_planner.nodes.arrays import float64_field, float64_rows
 from bsp_informed_planner.nodes.obstacle_conversions import point_to_msg, pose_from_msg
 from bsp_informed_planner.nodes.scene_conversions import attachments_from_msg, permissions_from_msg
 from bsp_informed_planner.nodes.size_limits import LARGEST, SizeLimits
@@ -198,22 +199,30 @@ def trajectory_to_msg(trajectory: Trajectory, robot: Robot) -> JointTrajectory:
     message = JointTrajectory(joint_names=list(robot.joint_names))
     message.header.frame_id = robot.root_frame
     message.points = [
-        JointTrajectoryPoint(
-            # Arrays, since of lists the message looks at each number.
-            positions=float64_field(position),
-            velocities=float64_field(velocity),
-            accelerations=float64_field(acceleration),
-            time_from_start=duration_to_msg(seconds),
-        )
+        _point(position, velocity, acceleration, duration_to_msg(seconds))
         for seconds, position, velocity, acceleration in zip(
             trajectory.times.tolist(),
-            trajectory.positions,
-            trajectory.velocities,
-            trajectory.accelerations,
+            float64_rows(trajectory.positions),
+            float64_rows(trajectory.velocities),
+            float64_rows(trajectory.accelerations),
             strict=True,
         )
     ]
     return message
+
+
+_NO_EFFORT = array("d")
+
+
+def _point(
+    positions: array[float], velocities: array[float], accelerations: array[float], time_from_start: Duration
+) -> JointTrajectoryPoint:
+    """A point with these arrays. The message's constructor copies each twice: of an answer, half of the work."""
+    point = JointTrajectoryPoint.__new__(JointTrajectoryPoint)
+    point._check_fields = False
+    point._positions, point._velocities, point._accelerations = positions, velocities, accelerations
+    point._effort, point._time_from_start = _NO_EFFORT, time_from_start
+    return point
 
 
 def duration_to_msg(seconds: float) -> Duration:

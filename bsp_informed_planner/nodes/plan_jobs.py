@@ -1,17 +1,13 @@
-"""Plans in threads of their own: a few at once, the others waiting, so that no callback of the executor ever waits."""
+"""Plans in threads of their own: a few at once, the others waiting, so that no callback ever waits."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Generic, TypeVar
-
-from rclpy.task import Future
+from concurrent.futures import ThreadPoolExecutor
+from typing import Generic, TypeVar
 
 from bsp_informed_planner.errors import PlanningCancelledError, QueueFullError
-
-if TYPE_CHECKING:
-    from rclpy.executors import Executor
 
 R = TypeVar("R")
 
@@ -29,10 +25,12 @@ class PlanJobs(Generic[R]):
 
     def __init__(self, at_once: int, queue_size: int) -> None:
         self._slots = threading.BoundedSemaphore(at_once)
-        self._most = at_once + queue_size
         self._queue_size = queue_size
+        self._most = at_once + queue_size
         self._lock = threading.Lock()
-        self._threads: set[threading.Thread] = set()
+        self._count = 0
+        # One for each job, since those that wait ask whether they are cancelled. Threads stay, for the next jobs.
+        self._threads = ThreadPoolExecutor(self._most, "plan")
         self._stopping = threading.Event()
 
     @property
@@ -41,55 +39,44 @@ class PlanJobs(Generic[R]):
 
     def submit(
         self,
-        executor: Executor,
         work: Callable[[], R],
         refuse: Callable[[Exception], R],
+        answer: Callable[[R], None],
         cancelled: Callable[[], bool] | None = None,
-    ) -> Future:
+    ) -> None:
         """Start a job, or let it wait.
 
         Args:
-            executor: woken when the answer is there.
             work: makes the answer, in a thread; must not raise.
             refuse: makes the answer of a job that is not worked on; must not raise.
+            answer: given the answer, once, in that thread, or before `submit` returns; must not raise.
             cancelled: asked while the job waits; True ends the wait.
-
-        Returns:
-            a future of the executor that is always resolved.
         """
-        future = Future(executor=executor)
 
         def run() -> None:
             try:
-                future.set_result(self._work_when_free(work, refuse, cancelled))
-                executor.wake()
+                answer(self._work_when_free(work, refuse, cancelled))
             finally:
                 with self._lock:
-                    self._threads.discard(thread)
+                    self._count -= 1
 
-        thread = threading.Thread(target=run, name="plan", daemon=True)
         with self._lock:
             error: Exception | None = None
             if self.is_stopping:
                 error = PlanningCancelledError()
-            elif len(self._threads) >= self._most:
+            elif self._count >= self._most:
                 error = QueueFullError(self._queue_size)
             else:
-                self._threads.add(thread)
+                self._count += 1
+                self._threads.submit(run)
         if error is not None:
-            future.set_result(refuse(error))
-        else:
-            thread.start()
-        return future
+            answer(refuse(error))
 
     def stop(self) -> None:
         """Refuse new jobs, cancel those that wait, and wait for those that run: their `work` asks `is_stopping`."""
-        self._stopping.set()
         with self._lock:
-            threads = list(self._threads)
-        for thread in threads:
-            if thread.ident is not None:
-                thread.join()
+            self._stopping.set()
+        self._threads.shutdown()
 
     def _work_when_free(
         self, work: Callable[[], R], refuse: Callable[[Exception], R], cancelled: Callable[[], bool] | None

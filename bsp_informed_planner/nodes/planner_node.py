@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,8 +15,9 @@ from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
 from bsp_informed_planner_msgs.srv import GetPlannerInfo, Plan
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -27,6 +29,7 @@ from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
+from bsp_informed_planner.nodes.own_thread import Reply
 from bsp_informed_planner.nodes.plan_conversions import (
     changes_from_msg,
     options_from_msg,
@@ -64,21 +67,25 @@ RESULT_TIMEOUT = 30
 ANSWER_SECONDS, SENDING_SECONDS = 5.0, 0.25
 #: Head start of an answer before others are told of the plan [s]: all of it goes through one interpreter.
 ANSWER_FIRST = 0.005
+#: Most plans that others have yet to be told of: then answers wait.
+MOST_UNTOLD = 100
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The answer to a request, and the plan that it tells of, if there is one."""
+    """The answer to a request, and the plan that it tells of, or why there is none."""
 
     response: PlanResponse
     plan: tuple[Robot, PlanResult] | None = None
+    error: Exception | None = None
 
 
 class PlannerNode(PlannerSuiteNode):
     """Serves `plan` and `plan_motion`; publishes `trajectory` and `plan_markers` of each plan that succeeds.
 
-    Plans run in worker threads. The callbacks of the executor only hand requests over and wait for nothing, so the
-    scene can change while plans run: each is made, and checked, for the revision that was in force when it began.
+    Plans run in worker threads, which answer by themselves. Requests and scenes come in through threads of their own,
+    which only hand them over, so the scene can change while plans run: each is made, and checked, for the revision that
+    was in force when it began.
     """
 
     def __init__(self, **options: object) -> None:
@@ -90,6 +97,7 @@ class PlannerNode(PlannerSuiteNode):
         self._joints = JointStateCache(self._settings.joint_state_max_age)
         self._failures = 0
         self._in_flight = 0
+        self._counting = threading.Lock()
         self._last_answer = 0.0
         self._records = FailureRecords(self._settings.save_problem_on_failure)
         self._plans = Meter()
@@ -109,23 +117,14 @@ class PlannerNode(PlannerSuiteNode):
         self.release_with(self._markers.stop)
         self._publications = ThreadPoolExecutor(1, "publications")
         self.release_with(self._publications.shutdown)
-        joint_states = self.create_subscription(
-            JointState,
-            "joint_states",
-            self._joints.take,
-            qos_profile_sensor_data,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
-        self.release_with(self.destroy_subscription, joint_states)
-        group = ReentrantCallbackGroup()
-        service = self.create_service(Plan, "plan", self._on_plan, qos_profile=SERVICES, callback_group=group)
-        self.release_with(self.destroy_service, service)
+        self._untold = threading.BoundedSemaphore(MOST_UNTOLD)
+        self._jobs: PlanJobs[Answer] = PlanJobs(self._settings.workers, self._settings.queue_size)
         action = ActionServer(
             self,
             PlanMotion,
             "plan_motion",
             self._on_plan_motion,
-            callback_group=group,
+            callback_group=ReentrantCallbackGroup(),
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=RESULT_TIMEOUT,
             goal_service_qos_profile=SERVICES,
@@ -133,12 +132,11 @@ class PlannerNode(PlannerSuiteNode):
             cancel_service_qos_profile=SERVICES,
         )
         self.release_with(action.destroy)
-        info = self.create_service(
-            GetPlannerInfo, "get_planner_info", self._on_get_planner_info, qos_profile=SERVICES, callback_group=group
-        )
-        self.release_with(self.destroy_service, info)
+        requests = self.own_thread("requests")
+        requests.subscribe(JointState, "joint_states", lambda m, _: self._joints.take(m), qos_profile_sensor_data)
+        requests.serve(Plan, "plan", self._on_plan, SERVICES)
+        requests.serve(GetPlannerInfo, "get_planner_info", self._on_get_planner_info, SERVICES)
         # Released first: every request is answered while the services are still there.
-        self._jobs: PlanJobs[Answer] = PlanJobs(self._settings.workers, self._settings.queue_size)
         self.release_with(self._finish_jobs)
 
     @property
@@ -152,7 +150,7 @@ class PlannerNode(PlannerSuiteNode):
         self._guide.timeout = settings.inference_timeout
 
     def _finish_jobs(self) -> None:
-        """Cancel what runs and waits, and let the executor send the answers."""
+        """Cancel what runs and waits, and let the executor send the results of the action."""
         self._jobs.stop()
         end = time.monotonic() + ANSWER_SECONDS
         while self._in_flight and time.monotonic() < end:
@@ -172,10 +170,8 @@ class PlannerNode(PlannerSuiteNode):
             **self._plans.values("plans"),
         }
 
-    def _on_get_planner_info(
-        self, request: GetPlannerInfo.Request, response: GetPlannerInfo.Response
-    ) -> GetPlannerInfo.Response:
-        settings = self._settings
+    def _on_get_planner_info(self, request: GetPlannerInfo.Request, reply: Reply) -> None:
+        settings, response = self._settings, GetPlannerInfo.Response()
         response.planner_ids = first_of(settings.planner_id, PLANNER_IDS)
         response.sampler_ids = first_of(settings.sampler_id, SAMPLER_IDS)
         response.models = list(GUIDES)
@@ -191,11 +187,16 @@ class PlannerNode(PlannerSuiteNode):
             response.error_code = int(ErrorCode.SUCCESS)
         except BspPlannerError as error:
             response.error_code, response.message = int(error_code(error)), str(error)
-        return response
+        reply(response)
 
-    async def _on_plan(self, request: Plan.Request, response: Plan.Response) -> Plan.Response:
-        response.response = await self._submit(request.request, lambda: False, None)
-        return response
+    def _on_plan(self, request: Plan.Request, reply: Reply) -> None:
+        def answer(made: Answer) -> None:
+            reply(Plan.Response(response=made.response))
+            self._tell_of(made)
+            self._count_in_flight(-1)
+
+        self._count_in_flight(1)
+        self._submit(request.request, answer, lambda: False, None)
 
     async def _on_plan_motion(self, goal: ServerGoalHandle) -> PlanMotion.Result:
         def on_progress(progress: Progress) -> None:
@@ -208,7 +209,19 @@ class PlannerNode(PlannerSuiteNode):
                 )
             )
 
-        response = await self._submit(goal.request.request, lambda: bool(goal.is_cancel_requested), on_progress)
+        future = Future(executor=self.executor)
+
+        def answer(made: Answer) -> None:
+            self._tell_of(made)
+            future.set_result(made.response)
+            self.executor.wake()
+
+        self._count_in_flight(1)
+        try:
+            self._submit(goal.request.request, answer, lambda: bool(goal.is_cancel_requested), on_progress)
+            response: PlanResponse = await future
+        finally:
+            self._count_in_flight(-1)
         if response.error_code == ErrorCode.SUCCESS:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -217,31 +230,29 @@ class PlannerNode(PlannerSuiteNode):
             goal.abort()
         return PlanMotion.Result(response=response)
 
-    async def _submit(
-        self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
-    ) -> PlanResponse:
-        """The answer to a request, made in a thread of its own."""
+    def _count_in_flight(self, change: int) -> None:
+        with self._counting:
+            self._in_flight += change
+            self._last_answer = time.monotonic()
+
+    def _submit(
+        self,
+        request: PlanRequest,
+        answer: Callable[[Answer], None],
+        cancelled: Callable[[], bool],
+        on_progress: Callable[[Progress], None] | None,
+    ) -> None:
+        """Have the answer to a request made, and given, in a worker thread."""
 
         def ended() -> bool:
             return cancelled() or self._jobs.is_stopping
 
-        self._in_flight += 1
-        try:
-            answer = await self._jobs.submit(
-                self.executor,
-                lambda: self._plan(request, ended, on_progress),
-                lambda error: Answer(self._refusal(error, request, None)),
-                cancelled,
-            )
-            if answer.plan is not None:
-                # Of a node that is being cleaned up, the answer is all that is left to give.
-                with suppress(RuntimeError):
-                    self._publications.submit(self._publish, answer)
-            response: PlanResponse = answer.response
-            return response
-        finally:
-            self._in_flight -= 1
-            self._last_answer = time.monotonic()
+        self._jobs.submit(
+            lambda: self._plan(request, ended, on_progress),
+            lambda error: self._refusal(error, request, None),
+            answer,
+            cancelled,
+        )
 
     def _plan(
         self, request: PlanRequest, cancelled: Callable[[], bool], on_progress: Callable[[Progress], None] | None
@@ -276,22 +287,35 @@ class PlannerNode(PlannerSuiteNode):
             saved = self._records.save(error, world, problem, options, None if plan is None else plan.seed)
             if saved is not None:
                 self.get_logger().info(f"problem saved: bsp-planner plan {saved}")
-            return Answer(self._refusal(error, request, world))
+            return self._refusal(error, request, world)
         response = response_from_result(result, world.robot)
         response.scene_epoch = world.epoch
         response.error_code = int(ErrorCode.SUCCESS)
         response.message = self._summary(result)
-        self.get_logger().info(response.message)
         return Answer(response, (world.robot, result))
 
-    def _publish(self, answer: Answer) -> None:
-        """In a thread of its own, in the order of answers: what others are told of a plan."""
-        time.sleep(ANSWER_FIRST)
+    def _tell_of(self, answer: Answer) -> None:
+        """Have others told of an answer, in the order of answers."""
+        self._untold.acquire()
+        # Of a node that is being cleaned up, the answer is all that is left to give.
+        with suppress(RuntimeError):
+            self._publications.submit(self._tell, answer, time.monotonic() + ANSWER_FIRST)
+            return
+        self._untold.release()
+
+    def _tell(self, answer: Answer, begin: float) -> None:
+        """In a thread of its own: to the log, and to those who look on."""
+        self._untold.release()
+        time.sleep(max(begin - time.monotonic(), 0.0))
+        if answer.plan is None:
+            self._log_refusal(answer)
+            return
+        self.get_logger().info(answer.response.message)
         try:
             self._trajectory_publisher.publish(answer.response.trajectory)
         except Exception as error:  # noqa: BLE001 -- the next one may be published
             self.note_error(f"trajectory: {error}")
-        if answer.plan is not None and self._settings.publish_markers:
+        if self._settings.publish_markers:
             self._markers.submit(answer.plan)
 
     def _publish_markers(self, item: tuple[Robot, PlanResult]) -> None:
@@ -339,23 +363,25 @@ class PlannerNode(PlannerSuiteNode):
             f"{len(result.path)} waypoints, {result.trajectory.duration:.2f} s long"
         )
 
-    def _refusal(self, error: Exception, request: PlanRequest, world: World | None) -> PlanResponse:
-        self._failures += 1
-        code = error_code(error)
-        if isinstance(error, PlanningCancelledError):
-            self.get_logger().info(str(error))
+    def _log_refusal(self, answer: Answer) -> None:
+        if isinstance(answer.error, PlanningCancelledError):
+            self.get_logger().info(str(answer.error))
         else:
-            self.note_error(f"{code.name}: {error}")
-        if not isinstance(error, BspPlannerError):
-            logger.error("while planning", exc_info=error)
-        return PlanResponse(
-            error_code=int(code),
+            self.note_error(f"{ErrorCode(answer.response.error_code).name}: {answer.error}")
+        if not isinstance(answer.error, BspPlannerError):
+            logger.error("while planning", exc_info=answer.error)
+
+    def _refusal(self, error: Exception, request: PlanRequest, world: World | None) -> Answer:
+        self._failures += 1
+        response = PlanResponse(
+            error_code=int(error_code(error)),
             message=str(error),
             planner_id=request.planner_id or self._defaults.planner_id,
             sampler_id=request.sampler_id or self._defaults.sampler_id,
             scene_epoch=self._world.epoch if world is None else world.epoch,
             scene_revision=self._world.revision if world is None else world.revision,
         )
+        return Answer(response, error=error)
 
 
 def _try_out(planner: Planner, problem: ScenarioProblem) -> None:

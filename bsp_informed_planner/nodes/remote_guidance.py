@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from bsp_informed_planner_msgs.srv import EstimateKeypoints, SampleConfigurations
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.lifecycle import LifecycleNode
 
 from bsp_informed_planner.errors import PlanningCancelledError
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
+from bsp_informed_planner.nodes.own_thread import OwnThread
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.nodes.qos import SERVICES
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
@@ -27,6 +27,8 @@ BATCH = 256
 MAX_CHAINS = 16
 #: Pause before asking an inference node again that is behind with the scene [s].
 RETRY_SECONDS = 0.01
+#: How long the first plans wait for a service that has never been there [s]: it may not have been heard of yet.
+DISCOVERY_SECONDS = 1.0
 
 
 class InferenceUnavailableError(Exception):
@@ -36,7 +38,7 @@ class InferenceUnavailableError(Exception):
 class RemoteGuide:
     """Client of `estimate_keypoints` and `sample_configurations`.
 
-    Its methods wait, and are called from worker threads alone, never from a callback of the executor.
+    Its methods wait, and are called from worker threads alone, never from a callback.
 
     Args:
         node: owns the clients.
@@ -44,20 +46,16 @@ class RemoteGuide:
     """
 
     def __init__(self, node: LifecycleNode, timeout: float) -> None:
-        group = ReentrantCallbackGroup()
-        self._node = node
         self.timeout = timeout
-        self._estimate = node.create_client(
-            EstimateKeypoints, "estimate_keypoints", qos_profile=SERVICES, callback_group=group
-        )
-        self._sample = node.create_client(
-            SampleConfigurations, "sample_configurations", qos_profile=SERVICES, callback_group=group
-        )
+        # Until when it is waited for services that are not there; None: nobody has asked yet.
+        self._discovery_end: float | None = None
+        self._answers = OwnThread(node, "guidance")
+        self._estimate = self._answers.client(EstimateKeypoints, "estimate_keypoints", SERVICES)
+        self._sample = self._answers.client(SampleConfigurations, "sample_configurations", SERVICES)
 
     def close(self) -> None:
         """Destroy the clients."""
-        self._node.destroy_client(self._estimate)
-        self._node.destroy_client(self._sample)
+        self._answers.close()
 
     def guide(
         self,
@@ -116,7 +114,7 @@ class RemoteGuide:
         return Guidance(answer.model, chains, sampler, answer.message, time.monotonic() - begin)
 
     def _call(self, client: Client, request: Any, end: float, cancelled: Callable[[], bool] | None) -> Any:
-        """Wait for an answer: in a worker thread, while the executor's threads go on."""
+        """Wait for an answer, in a worker thread."""
         while True:
             answer = self._call_once(client, request, end, cancelled)
             known = int(answer.scene_epoch), int(answer.scene_revision)
@@ -129,9 +127,22 @@ class RemoteGuide:
             raise InferenceUnavailableError(f"{client.srv_name}: {answer.message}")
         return answer
 
+    def _require(self, client: Client, end: float, cancelled: Callable[[], bool] | None) -> None:
+        """Wait for a service, if this node is new; one that was there, or has been waited for, is gone."""
+        while not client.service_is_ready():
+            now = time.monotonic()
+            if self._discovery_end is None:
+                self._discovery_end = now + DISCOVERY_SECONDS
+            if now >= min(self._discovery_end, end):
+                raise InferenceUnavailableError(f"service {client.srv_name} is not there")
+            if cancelled is not None and cancelled():
+                raise PlanningCancelledError
+            time.sleep(RETRY_SECONDS)
+        if client is self._sample:
+            self._discovery_end = 0.0
+
     def _call_once(self, client: Client, request: Any, end: float, cancelled: Callable[[], bool] | None) -> Any:
-        if not client.service_is_ready():
-            raise InferenceUnavailableError(f"service {client.srv_name} is not there")
+        self._require(client, end, cancelled)
         future = client.call_async(request)
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneStatus
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode
+from rclpy.serialization import deserialize_message
 
 from bsp_informed_planner.collision.holding import HoldingRobot
 from bsp_informed_planner.decomposition.decomposition import Decomposition
@@ -28,6 +28,7 @@ from bsp_informed_planner.errors import (
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.graph_conversions import decomposition_from_msg
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
+from bsp_informed_planner.nodes.own_thread import OwnThread
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
 from bsp_informed_planner.nodes.qos import LATCHED
 from bsp_informed_planner.nodes.scene_conversions import scene_from_msg
@@ -39,6 +40,8 @@ from bsp_informed_planner.scene.scene import Scene
 
 #: Least time between the preparations of two scenes [s]: fast sources must not keep the interpreter from plans.
 PREPARATION_PERIOD = 0.05
+#: Time between a scene and its preparation [s]: requests that come at once with it make what they need, and no more.
+PREPARATION_DELAY = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +105,10 @@ class WorldTracker:
     Args:
         node: subscribes.
         allow_empty_scene: whether `current` accepts a scene without obstacles; may be changed.
+        head_start: of others who read a new scene [s], who share few cores, or one interpreter, with this node.
     """
 
-    def __init__(self, node: LifecycleNode, allow_empty_scene: bool = False) -> None:
+    def __init__(self, node: LifecycleNode, allow_empty_scene: bool = False, head_start: float = 0.0) -> None:
         self._node = node
         self.allow_empty_scene = allow_empty_scene
         self._lock = threading.Condition()
@@ -121,21 +125,16 @@ class WorldTracker:
         self._world: World | None = None
         self._making = threading.Lock()
         self._prepared: World | None = None
-        self._worker = NewestFirstWorker(self._prepare, "world", pause=PREPARATION_PERIOD)
-        group = MutuallyExclusiveCallbackGroup()
-        self._subscriptions = [
-            node.create_subscription(kind, topic, callback, LATCHED, callback_group=group)
-            for kind, topic, callback in (
-                (ObstacleScene, "scene", self._on_scene),
-                (KeypointGraph, "keypoint_graph", self._on_graph),
-                (SceneStatus, "scene_status", self._on_status),
-            )
-        ]
+        self._head_start = head_start
+        self._worker = NewestFirstWorker(self._prepare, "world", pause=PREPARATION_PERIOD, delay=PREPARATION_DELAY)
+        self._messages = OwnThread(node, "scene")
+        self._scenes = self._messages.subscribe(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True)
+        self._messages.subscribe(SceneStatus, "scene_status", self._on_status, LATCHED)
+        self._messages.subscribe(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
 
     def close(self) -> None:
         """Stop following."""
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+        self._messages.close()
         self._worker.stop()
 
     def expect_robot(self, name: str, share: float) -> None:
@@ -280,7 +279,7 @@ class WorldTracker:
             raise SceneRefusedError(refusal)
         if self._scene is None or self._scene[0] != status.epoch:
             raise SceneUnavailableError("no scene yet: publish one on obstacle_scene")
-        if not self._node.count_publishers("scene"):
+        if not self._scenes.get_publisher_count():
             raise SceneUnavailableError(
                 f"nobody publishes `scene` any more, so changes of scene {self._scene[1].revision} would not be heard "
                 "of: is the decomposition node running?"
@@ -316,7 +315,9 @@ class WorldTracker:
         """Whether this node could not read the newest scene."""
         return self._status is not None and self._unreadable[0] == self._status.epoch
 
-    def _on_scene(self, message: ObstacleScene) -> None:
+    def _on_scene(self, data: bytes, _: object) -> None:
+        time.sleep(self._head_start)
+        message = deserialize_message(data, ObstacleScene)
         try:
             scene = scene_from_msg(message)
         except Exception as error:  # noqa: BLE001 -- a message must not end the node
@@ -335,7 +336,7 @@ class WorldTracker:
             self._unreadable = (epoch, reason)
             self._lock.notify_all()
 
-    def _on_graph(self, message: KeypointGraph) -> None:
+    def _on_graph(self, message: KeypointGraph, _: object) -> None:
         try:
             decomposition = decomposition_from_msg(message)
         except Exception as error:  # noqa: BLE001 -- a message must not end the node
@@ -346,7 +347,7 @@ class WorldTracker:
             self._decomposition = (int(message.scene_epoch), decomposition)
         self._worker.submit(None)
 
-    def _on_status(self, message: SceneStatus) -> None:
+    def _on_status(self, message: SceneStatus, _: object) -> None:
         with self._lock:
             if message.epoch != self.epoch:
                 self._world = None

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bsp_informed_planner.scene.polytopes import polytopes_of_obstacle
-from bsp_informed_planner.scene.scene import Scene
+from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
+from bsp_informed_planner.scene.shapes import Box, Cylinder, Sphere
 
 
 def obstacles_outside(scene: Scene) -> tuple[str, ...]:
@@ -18,6 +19,8 @@ def obstacles_outside(scene: Scene) -> tuple[str, ...]:
     """
     outside = []
     for obstacle in scene.obstacles.values():
+        if _is_seen_at_once(obstacle, scene.bounds):
+            continue
         # A half-space that misses the bounds has no part at all.
         vertices = [part.vertices for part in polytopes_of_obstacle(obstacle, scene.bounds)]
         if vertices:
@@ -27,6 +30,17 @@ def obstacles_outside(scene: Scene) -> tuple[str, ...]:
                 continue
         outside.append(obstacle.id)
     return tuple(outside)
+
+
+def _is_seen_at_once(obstacle: Obstacle, bounds: WorkspaceBounds) -> bool:
+    """Whether the middle of a shape that surely is solid there lies within bounds, as of most obstacles it does."""
+    rotation, origin = obstacle.pose.rotation, obstacle.pose.position
+    for shape, pose in obstacle.shapes:
+        if isinstance(shape, (Box, Sphere, Cylinder)):
+            middle = origin + rotation @ pose.position
+            if (middle >= bounds.lower).all() and (middle <= bounds.upper).all():
+                return True
+    return False
 
 
 def outside_warning(scene: Scene) -> str:

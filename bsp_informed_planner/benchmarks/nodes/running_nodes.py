@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import sys
@@ -20,7 +21,7 @@ from bsp_informed_planner.cli.node_processes import NodeProcesses
 from bsp_informed_planner.nodes.client import SuiteClient
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
-from bsp_informed_planner.nodes.lifecycle import SWITCH_SECONDS, PlannerSuiteNode
+from bsp_informed_planner.nodes.lifecycle import SWITCH_SECONDS, PlannerSuiteNode, spin
 from bsp_informed_planner.nodes.planner_node import PlannerNode
 
 START_SECONDS = 120.0
@@ -46,7 +47,7 @@ def nodes_in_this_process(parameters: NodeParameters) -> Iterator[Callable[[], S
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(SWITCH_SECONDS)
         executor = MultiThreadedExecutor(num_threads=4, context=context)
-        thread = threading.Thread(target=executor.spin, daemon=True)
+        thread = threading.Thread(target=lambda: spin(executor), daemon=True)
         stack.callback(thread.join, 5.0)
         stack.callback(executor.shutdown, 5.0)
         kinds: tuple[Callable[..., PlannerSuiteNode], ...] = (DecompositionNode, InferenceNode, PlannerNode)
@@ -59,6 +60,9 @@ def nodes_in_this_process(parameters: NodeParameters) -> Iterator[Callable[[], S
             executor.add_node(node)
             stack.callback(executor.remove_node, node)
         thread.start()
+        gc.collect()
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         yield client
 
 

@@ -1,0 +1,240 @@
+"""Messages and requests that are waited for apart from the executor of the node, by a thread of their own.
+
+An executor of rclpy makes anew, after each callback, the set of what it waits for: of all its nodes the services of
+the lifecycle and of parameters, timers and events, in Python, which takes milliseconds. A thread that waits for two or
+three things takes a tenth of one, and what is slow elsewhere does not keep it.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.client import Client
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+
+logger = logging.getLogger(__name__)
+
+#: After this time a thread looks whether ROS is still up [s], in case nobody told it.
+LOOK_SECONDS = 1.0
+#: The same for a thread that has yet to begin [s].
+BEGIN_SECONDS = 0.1
+
+#: Sends the answer to a request; from any thread, once.
+Reply = Callable[[Any], None]
+
+
+class _Apart(CallbackGroup):
+    """Of entities that executors leave alone."""
+
+    def can_execute(self, entity: object) -> bool:
+        return False
+
+    def beginning_execution(self, entity: object) -> bool:
+        return False
+
+    def ending_execution(self, entity: object) -> None:
+        pass
+
+
+class Intake:
+    """Some messages, requests and answers of a node, which are taken by whoever calls `take`, a thread at a time.
+
+    Callbacks run in that thread, so those that take long belong in another one. What they raise is logged.
+
+    Args:
+        node: owns the entities; `close` comes before its end.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._group = _Apart()
+        self._guard = GuardCondition(callback=None, callback_group=None, context=node.context)
+        self._lock = threading.Lock()
+        self._subscriptions: tuple[tuple[Subscription, Callable[..., None]], ...] = ()
+        self._services: tuple[tuple[Service, Callable[[Any, Reply], None]], ...] = ()
+        self._clients: tuple[tuple[Client], ...] = ()
+        # What is waited for, and held meanwhile: it must not be destroyed.
+        self._held = ExitStack()
+        self._wait_set: Any = None
+
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any, dict[str, int]], None],
+        profile: QoSProfile,
+        raw: bool = False,
+    ) -> Subscription:
+        """Call back with each message of a topic, and where it is from. `raw`: with its bytes, to be read later."""
+        # Without the event of a publisher that does not fit, which its own log has, too: an executor that waited for it
+        # would go round and round as long as a message has come and is not taken.
+        subscription = self._node.create_subscription(
+            kind,
+            topic,
+            callback,
+            profile,
+            callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=raw,
+        )
+        with self._changing():
+            self._subscriptions += ((subscription, callback),)
+        return subscription
+
+    def serve(self, kind: type, name: str, callback: Callable[[Any, Reply], None], profile: QoSProfile) -> None:
+        """Call back with each request of a service, and with what sends its answer: there and then, or later."""
+        service = self._node.create_service(kind, name, callback, qos_profile=profile, callback_group=self._group)
+        with self._changing():
+            self._services += ((service, callback),)
+
+    def client(self, kind: type, name: str, profile: QoSProfile) -> Client:
+        """A client of a service; its futures are resolved in `take`."""
+        client = self._node.create_client(kind, name, qos_profile=profile, callback_group=self._group)
+        with self._changing():
+            self._clients += ((client,),)
+        return client
+
+    def wake(self) -> None:
+        """End the wait of `take`."""
+        try:
+            self._guard.trigger()
+        except rclpy_implementation.RCLError as error:
+            # ROS is down, and the wait over.
+            logger.debug("not woken: %s", error)
+
+    def close(self) -> None:
+        """Destroy all of it; nobody may be in `take`, or come there again."""
+        self._held.close()
+        for subscription, _ in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        for service, _ in self._services:
+            self._node.destroy_service(service)
+        for (client,) in self._clients:
+            self._node.destroy_client(client)
+        self._guard.destroy()
+
+    def take(self, seconds: float) -> None:
+        """Wait until something is there, so long at most [s], and call back; one of each that is ready.
+
+        Raises:
+            RCLError: ROS is down.
+        """
+        with self._lock:
+            subscriptions, services, clients = self._subscriptions, self._services, self._clients
+            if self._wait_set is None:
+                self._wait_set = self._new_wait_set()
+            wait_set = self._wait_set
+        wait_set.clear_entities()
+        wait_set.add_guard_condition(self._guard.handle)
+        for subscription, _ in subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for service, _ in services:
+            wait_set.add_service(service.handle)
+        for (client,) in clients:
+            wait_set.add_client(client.handle)
+        wait_set.wait(int(seconds * 1e9))
+        for subscription, callback in _ready(wait_set, "subscription", subscriptions):
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is not None:
+                self._call(callback, *taken)
+        for service, answer in _ready(wait_set, "service", services):
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+            if header is not None:
+                self._call(answer, request, self._reply(service, header))
+        for (client,) in _ready(wait_set, "client", clients):
+            header, response = client.handle.take_response(client.srv_type.Response)
+            if header is not None:
+                self._call(_resolve, client, header, response)
+
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        """While there is something new to wait for."""
+        with self._lock:
+            yield
+            self._wait_set = None
+        self.wake()
+
+    def _new_wait_set(self) -> Any:
+        self._held.close()
+        context = self._node.context
+        for entity in (*self._subscriptions, *self._services, *self._clients, (self._guard,), (context,)):
+            self._held.enter_context(entity[0].handle)
+        return rclpy_implementation.WaitSet(
+            len(self._subscriptions), 1, 0, len(self._clients), len(self._services), 0, context.handle
+        )
+
+    def _call(self, callback: Callable[..., None], *arguments: object) -> None:
+        try:
+            callback(*arguments)
+        except Exception as error:
+            self._node.get_logger().error(f"{type(error).__name__}: {error}")
+            logger.debug("in a callback", exc_info=error)
+
+    def _reply(self, service: Service, header: Any) -> Reply:
+        def reply(response: object) -> None:
+            try:
+                service.send_response(response, header)
+            except Exception as error:  # noqa: BLE001 -- the client, or this node, is gone: nobody waits
+                self._node.get_logger().warning(f"{service.srv_name}: an answer could not be sent: {error}")
+
+        return reply
+
+
+class OwnThread(Intake):
+    """An intake with a thread that takes what comes.
+
+    Args:
+        node: see `Intake`.
+        name: of the thread.
+        begin: what comes is not taken before this is set; None: at once.
+    """
+
+    def __init__(self, node: Node, name: str, begin: threading.Event | None = None) -> None:
+        super().__init__(node)
+        self._begin = begin
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End after the callback that runs, and destroy what was waited for. Not from one of the callbacks."""
+        self._stopping = True
+        self.wake()
+        self._thread.join()
+        super().close()
+
+    def _run(self) -> None:
+        while self._begin is not None and not self._begin.wait(BEGIN_SECONDS):
+            if self._stopping:
+                return
+        while not self._stopping and self._node.context.ok():
+            try:
+                self.take(LOOK_SECONDS)
+            except rclpy_implementation.RCLError as error:
+                if self._node.context.ok():
+                    self._node.get_logger().error(f"while waiting: {error}")
+
+
+def _ready(wait_set: Any, kind: str, entities: tuple[tuple[Any, ...], ...]) -> list[tuple[Any, ...]]:
+    pointers = wait_set.get_ready_entities(kind)
+    return [entity for entity in entities if entity[0].handle.pointer in pointers]
+
+
+def _resolve(client: Client, header: Any, response: object) -> None:
+    try:
+        future = client.get_pending_request(header.request_id.sequence_number)
+    except KeyError:
+        # It was given up.
+        return
+    future.set_result(response)
