@@ -26,6 +26,7 @@ from bsp_informed_planner.networks.problem_view import ProblemView, ViewOptions,
 from bsp_informed_planner.networks.registry import build_network
 from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import JointGoal, PlanningProblem, PlanOptions
+from bsp_informed_planner.planning.worker import head_start_of
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.kinematic_chain import KinematicChain
 from bsp_informed_planner.robots.point import PointRobot
@@ -300,6 +301,13 @@ def test_the_planner_plans_with_them(sampler_id: str, models: Path, experience: 
     result = planner.plan(PlanningProblem(path[0], [JointGoal(path[-1])]), options)
     assert result.guidance.sampler_id == sampler_id
     assert result.guidance.chains
+
+
+def test_guidance_that_comes_quickly_is_asked_for_sooner() -> None:
+    exact = head_start_of("keypoint_tube", ARM)
+    for sampler_id in ("learned", "path_library"):
+        assert 0 < head_start_of(sampler_id, ARM) < exact
+        assert head_start_of(sampler_id, PointRobot()) == exact  # its networks take longer than that
 
 
 # --- the library ---

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -17,11 +19,16 @@ class ConfigurationChain:
 
     Attributes:
         configurations: (m, n) [rad or m].
-        keypoints: (m, 3) the same in the workspace [m]; for the ends, the reference point of the robot.
+        points: (m, 3) its `keypoints`, or what works them out from the configurations: a search does not need them.
     """
 
     configurations: FloatArray
-    keypoints: FloatArray
+    points: FloatArray | Callable[[FloatArray], FloatArray]
+
+    @cached_property
+    def keypoints(self) -> FloatArray:
+        """(m, 3) the chain in the workspace [m]; for the ends, the reference point of the robot."""
+        return self.points(self.configurations) if callable(self.points) else self.points
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,6 +86,5 @@ class PathChainGuide:
 
 
 def lifted(robot: Robot, paths: FloatArray) -> tuple[ConfigurationChain, ...]:
-    """Paths (k, m, n) as chains with their keypoints in the workspace."""
-    points = robot.reference_points(paths.reshape(-1, paths.shape[2])).reshape(*paths.shape[:2], 3)
-    return tuple(ConfigurationChain(path, row) for path, row in zip(paths, points, strict=True))
+    """Paths (k, m, n) as chains."""
+    return tuple(ConfigurationChain(path, robot.reference_points) for path in paths)

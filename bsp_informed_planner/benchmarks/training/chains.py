@@ -103,9 +103,8 @@ def _seeds(
         table.append([title, over_mazes, student(shares), *extremes])
         if key in LIMITS:
             remark = f"(mean of {seeds}; worst {extremes[0]})"
-            section.require(
-                RequiredNumber(f"keypoint chains {title}", over_mazes, "at least", LIMITS[key], remark=remark)
-            )
+            name = f"{problems:,} mazes, {steps:,} steps: keypoint chains {title}"
+            section.require(RequiredNumber(name, over_mazes, "at least", LIMITS[key], remark=remark))
     section.table(["", "mean, over mazes", "mean, over seeds", "worst seed", "best seed"], table)
 
 

@@ -93,11 +93,12 @@ def summarise(runs: Sequence[TrainingRun], rows: Sequence[Row], section: Section
             for run in runs
         ],
     )  # fmt: skip
-    for group in by_seed(runs).values():
-        _require(group, found, uniform, section, rng)
+    for (problems, steps), group in by_seed(runs).items():
+        _require(f"{problems:,} mazes, {steps:,} steps", group, found, uniform, section, rng)
 
 
 def _require(
+    training: str,
     group: Sequence[TrainingRun],
     found: Mapping[tuple[str, str], Runs],
     uniform: Runs,
@@ -111,6 +112,7 @@ def _require(
     def require(name: str, values: Sequence[float], comparison: str, limit: float) -> None:
         worst = max(values) if comparison == "at most" else min(values)
         remark = f"(mean and Student's interval of {seeds}; worst {number(worst)})"
+        name = f"{training}: {name}"
         section.require(RequiredNumber(name, student(values), comparison, limit, remark=remark))
 
     for variant, limit in (("fallback", "network_fallback"), ("alone", "network")):
