@@ -11,11 +11,10 @@ import pytest
 import rclpy
 from bsp_informed_planner_msgs.srv import GetPlannerInfo
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
-from suite import PATIENCE, until
+from suite import until
 
 from bsp_informed_planner.nodes.own_thread import Intake, OwnThread, Reply
 from bsp_informed_planner.nodes.qos import LATCHED, SERVICES, UPDATES
@@ -93,41 +92,3 @@ def test_what_comes_before_its_time_waits(node: Node) -> None:
     thread.close()
     # One that has not begun can be closed, too.
     OwnThread(node, "never", threading.Event()).close()
-
-
-class CountingExecutor(SingleThreadedExecutor):
-    """Counts what it looks at."""
-
-    looks = 0
-
-    def can_execute(self, entity: Any) -> bool:
-        self.looks += 1
-        return super().can_execute(entity)
-
-
-def test_an_executor_sleeps_while_a_message_waits_to_be_taken(node: Node) -> None:
-    entered, leave = threading.Event(), threading.Event()
-
-    def hold(message: String, _: object) -> None:
-        entered.set()
-        leave.wait(PATIENCE)
-
-    thread = OwnThread(node, "messages")
-    thread.subscribe(String, "text", hold, UPDATES)
-    publisher = node.create_publisher(String, "text", UPDATES)
-    executor = CountingExecutor(context=node.context)
-    executor.add_node(node)
-    spinning = threading.Thread(target=executor.spin)
-    spinning.start()
-    until(lambda: publisher.get_subscription_count() == 1)
-    for _ in range(2):
-        publisher.publish(String())
-    assert entered.wait(PATIENCE)
-    before = executor.looks
-    time.sleep(0.5)
-    # Of some ten entities each; one that waited for the events of the subscription would go round thousands of times.
-    assert executor.looks - before < 1000
-    leave.set()
-    thread.close()
-    executor.shutdown()
-    spinning.join(PATIENCE)

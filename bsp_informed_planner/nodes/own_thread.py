@@ -77,8 +77,8 @@ class Intake:
         raw: bool = False,
     ) -> Subscription:
         """Call back with each message of a topic, and where it is from. `raw`: with its bytes, to be read later."""
-        # Without the event of a publisher that does not fit, which its own log has, too: an executor that waited for it
-        # would go round and round as long as a message has come and is not taken.
+        # Without the event of a publisher that does not fit, which has it in its own log: an executor that waits for it
+        # is woken by the messages as well, many times until they are taken.
         subscription = self._node.create_subscription(
             kind,
             topic,

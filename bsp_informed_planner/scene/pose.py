@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 UNIT_LENGTH_TOLERANCE = 1e-14
 # Arrays of so many bytes are compared as bytes.
 _SHORT = 256
+# So many numbers are looked at one by one.
+_FEW = 8
 
 
 def frozen_array(values: ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
@@ -29,14 +31,17 @@ def frozen_array(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Flo
         ValueError: if the shape is another or a value is not finite.
     """
     array = np.array(values, dtype=np.float64)
-    if shape is not None and (
-        array.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True))
-    ):
+    if shape is not None and array.shape != shape and not _has_shape(array, shape):
         raise ValueError(f"expected an array of shape {shape}, got {array.shape}")
-    if not np.isfinite(array).all():
+    # Of few numbers Python sees it sooner than NumPy, and scenes are full of them.
+    if not (all(map(math.isfinite, array.ravel().tolist())) if array.size <= _FEW else np.isfinite(array).all()):
         raise ValueError("a value is not finite")
     array.setflags(write=False)
     return array
+
+
+def _has_shape(array: FloatArray, shape: tuple[int, ...]) -> bool:
+    return array.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, array.shape, strict=True))
 
 
 def same_array(first: NDArray[Any], second: NDArray[Any]) -> bool:
