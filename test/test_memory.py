@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-# Large blocks with small ones between, which stay: once glibc has taken a liking to blocks of that size, it keeps them.
+# Large blocks with smaller ones between, which stay: glibc keeps what was freed once it has seen blocks of that size.
 SCRIPT = """
 import sys
 from pathlib import Path
@@ -25,7 +25,7 @@ np.ones(30 << 17)
 large, small = [], []
 for _ in range(100):
     large.append(np.ones(1 << 17))
-    small.append(np.ones(1 << 10))
+    small.append(np.ones(1 << 14))
 del large
 if sys.argv[1] == "free":
     memory.return_free_memory()
@@ -34,7 +34,7 @@ print(resident() - before)
 
 
 def grown(how: str) -> float:
-    """MiB that a process holds more after it has freed a hundred of them."""
+    """MiB that a process holds more after it has freed a hundred of them; a dozen are those that stay."""
     run = subprocess.run([sys.executable, "-c", SCRIPT, how], capture_output=True, text=True, check=True)
     return float(run.stdout)
 
@@ -42,5 +42,5 @@ def grown(how: str) -> float:
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the system's memory is managed in another way")
 def test_free_memory_goes_back() -> None:
     assert grown("nothing") > 50.0
-    assert grown("large") < 20.0
-    assert grown("free") < 20.0
+    assert grown("large") < 30.0
+    assert grown("free") < 30.0

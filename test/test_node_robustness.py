@@ -195,3 +195,20 @@ def test_two_suites_in_two_namespaces(suite: Suite) -> None:
             before, after = path[index - 1], path[index]
             crossing = before + (0.5 - before[0]) / (after[0] - before[0]) * (after - before)
             assert abs(crossing[1] - gap_at) <= 0.05
+
+
+def test_an_answer_tells_a_client_of_newer_scenes(suite: Suite) -> None:
+    """Who only asks for plans, of the scene that it knows, is not refused for ever."""
+    client, other = ready_client(suite), suite.client()
+    other.wait_for_nodes(PATIENCE)
+    known = client.revision
+    newest = other.publish_scene(gap_scene(0.3), PATIENCE)
+    assert newest > known
+    end = time.monotonic() + PATIENCE
+    while True:
+        request = point_request(scene_epoch=client.epoch, scene_revision=client.revision)
+        response = client.plan(request, PATIENCE)
+        if response.error_code == ErrorCode.SUCCESS and response.scene_revision == newest:
+            break
+        assert time.monotonic() < end, response.message
+    assert client.revision == newest

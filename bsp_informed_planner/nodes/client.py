@@ -30,6 +30,8 @@ from bsp_informed_planner.scene.scene import Scene
 
 #: Longest wait for a message before a caller is asked whether it still waits [s].
 LOOK_PERIOD = 0.05
+#: Longest wait for the status of a scene that an answer tells of [s].
+HEARING_SECONDS = 0.1
 #: Messages that are still read when the time to wait for one is over.
 LAST_MESSAGES = 20
 
@@ -252,7 +254,13 @@ class SuiteClient:
             known = response.scene_epoch if request.scene_epoch else 0, response.scene_revision
             behind = response.error_code in BEHIND and known < (request.scene_epoch, request.scene_revision)
             if not behind or time.monotonic() >= end:
+                self._hear_of(response)
                 return response
+
+    def _hear_of(self, response: PlanResponse) -> None:
+        """Read what has come meanwhile, if an answer tells of a newer scene than this client has heard of."""
+        newest = int(response.scene_epoch), int(response.scene_revision)
+        self.spin_until(lambda: (self.epoch, self.revision) >= newest, HEARING_SECONDS)
 
     def plan_motion(self, request: PlanRequest, seconds: float, cancelled: Callable[[], bool]) -> PlanResponse:
         """Call the action `plan_motion`, which can be cancelled: the answer is then `ErrorCode.PREEMPTED`.
