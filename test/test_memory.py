@@ -8,8 +8,10 @@ import sys
 
 import pytest
 
-# Large blocks with smaller ones between, which stay: glibc keeps what was freed once it has seen blocks of that size.
+# Large blocks with smaller ones between, which stay. glibc comes to keep what was freed once it has seen larger blocks
+# being freed, unless its environment variables forbid it: said outright here (M_MMAP_THRESHOLD, 32 MiB).
 SCRIPT = """
+import ctypes
 import sys
 from pathlib import Path
 import numpy as np
@@ -18,10 +20,10 @@ from bsp_informed_planner.nodes import memory
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 
+ctypes.CDLL(None).mallopt(-3, 1 << 25)
 if sys.argv[1] == "large":
     memory.return_large_blocks()
 before = resident()
-np.ones(30 << 17)
 large, small = [], []
 for _ in range(100):
     large.append(np.ones(1 << 17))
