@@ -8,11 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bsp_informed_planner.collision.bounded import BoundedChecker
+from bsp_informed_planner.collision.bounds import bounds_of
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.holding import HoldingRobot, robot_in_scene
+from bsp_informed_planner.collision.verdict_calls_kernels import FREE
 from bsp_informed_planner.errors import (
     InvalidObstacleError,
+    RobotDescriptionError,
     SamplesExhaustedError,
     UnknownFrameError,
     UnknownObstacleError,
@@ -26,7 +30,7 @@ from bsp_informed_planner.scene.attached import AttachmentOperation, CollisionPe
 from bsp_informed_planner.scene.diff import ObstacleOperation, SceneDiff, apply
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import AttachedObstacle, Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, HalfSpace, Sphere
+from bsp_informed_planner.scene.shapes import Box, Cone, Cylinder, HalfSpace, Sphere
 from bsp_informed_planner.scene.yaml_io import scene_from_yaml, scene_to_yaml
 
 BOUNDS = WorkspaceBounds(np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0]))
@@ -216,6 +220,30 @@ def test_what_cannot_be_attached_is_named(arm: Robot) -> None:
     body = AttachedObstacle(Obstacle.of("tool0", Sphere(0.1)), "tool0")
     with pytest.raises(InvalidObstacleError, match="name of a frame"):
         ExactChecker(arm, holding(body))
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-9, 1e-4, 20.0, 1e300])
+@pytest.mark.parametrize("shape", [Box, Sphere, Cylinder, Cone])
+def test_bodies_of_any_size_are_bounded_or_refused(shape: type, size: float) -> None:
+    body = shape(np.full(3, size)) if shape is Box else shape(size) if shape is Sphere else shape(size, size)
+    scene = replace(Scene.of([], BOUNDS), attached={"it": AttachedObstacle(Obstacle.of("it", body), "point")})
+    too_large, too_thin = size > 1e3, size < 1e-100 and shape in (Cylinder, Cone)
+    if too_large:
+        with pytest.raises(InvalidObstacleError, match="'it': attached, it reaches"):
+            robot_in_scene(PointRobot(), scene)
+        return
+    robot = robot_in_scene(PointRobot(), scene)
+    if too_thin:
+        with pytest.raises(RobotDescriptionError, match=r"attached/it/1.*no volume"):
+            bounds_of(robot)
+        return
+    state = np.array([[0.5, 0.5]])
+    for gap in (-0.02, 0.02, 0.5 + size):
+        cube = Obstacle.of("cube", Box(np.full(3, 0.1)), Pose.from_xyz_rpy([0.55 + 0.5 * size + gap, 0.5, 0.0]))
+        beside = replace(scene, obstacles={"cube": cube})
+        proved = BoundedChecker(robot, beside).verdicts.of_states(state)[0] == FREE
+        assert proved <= ExactChecker(robot, beside).is_free(state[0])
+        assert proved or gap < 0.5
 
 
 def test_pickled_scenes_keep_what_the_robot_holds() -> None:

@@ -38,7 +38,7 @@ from bsp_informed_planner.collision.sharpening import SharpeningOptions, sharpen
 from bsp_informed_planner.collision.solids import body_of
 from bsp_informed_planner.collision.verdict_calls_kernels import UNDECIDED
 from bsp_informed_planner.collision.verdicts import Verdicts
-from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.errors import InvalidOptionError, RobotDescriptionError
 from bsp_informed_planner.robots.motion_bound import axis_distances, joint_axes
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
@@ -305,7 +305,13 @@ def _extended(base: CollisionBounds, robot: Robot) -> RobotCovers:
 
 def _builder(robot: Robot, members: Sequence[int], options: CoverOptions) -> CoverBuilder:
     items = robot.collision_model.geometryObjects
-    return CoverBuilder([body_of(items[i], 2.0 * options.protrusions[-1]) for i in members], options)
+    bodies = []
+    for item in (items[i] for i in members):
+        try:
+            bodies.append(body_of(item, 2.0 * options.protrusions[-1]))
+        except ValueError as error:
+            raise RobotDescriptionError(f"collision geometry '{item.name}' of '{robot.name}': {error}") from error
+    return CoverBuilder(bodies, options)
 
 
 def build_covers(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,11 @@ from bsp_informed_planner.collision.cover_kernels import (
     shrunk_ball,
 )
 from bsp_informed_planner.collision.solid_kernels import CELL_SIZE, cut_into_cells, medial_balls, recut_cells
-from bsp_informed_planner.collision.solids import Body
+from bsp_informed_planner.collision.solids import Body, Solid
 from bsp_informed_planner.scene.pose import FloatArray
+
+#: Longer solids have covers that are coarser, as much as they are longer, so that they take no more time [m].
+LARGE = 1.5
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,11 @@ class CoverOptions:
     sample: int = 3000
     inner_balls: int = 32
     inner_gain: float = 0.003
+
+    def for_extent(self, extent: float) -> CoverOptions:
+        """The same, coarser for a group with a solid that is longer than `LARGE` [m], as is the solid."""
+        factor = max(extent / LARGE, 1.0)
+        return replace(self, protrusions=tuple(factor * protrusion for protrusion in self.protrusions))
 
 
 @dataclass(eq=False)
@@ -110,9 +118,9 @@ class CoverBuilder:
     """
 
     def __init__(self, bodies: Sequence[Body], options: CoverOptions | None = None, seed: int = 0) -> None:
-        self._options = options or CoverOptions()
         self._rng = np.random.default_rng(seed)
         self._solids = [solid for body in bodies for solid in body.solids]
+        self._options = (options or CoverOptions()).for_extent(max(map(_extent, self._solids), default=0.0))
         self._balls = np.concatenate([np.empty((0, 4)), *(body.balls for body in bodies)])
         cells = np.concatenate([np.empty((0, 7)), *(self._cells(i) for i in range(len(self._solids)))])
         cells = cells[self._rng.permutation(len(cells))]
@@ -124,7 +132,9 @@ class CoverBuilder:
         exact[:, 6] = -1.0
         self.root = Node(np.zeros(4), np.concatenate([cells, exact]))
         first = np.append(self.root.cells[:, :3].mean(axis=0), 0.0)
-        self.root.ball = self._balls[0].copy() if len(self.root.cells) == 1 else enclosing_ball(self.root.cells, first)
+        self.root.ball = (
+            _exact(self.root.cells) if len(self.root.cells) == 1 else enclosing_ball(self.root.cells, first)
+        )
         self._inner_cells = cells[cells[:, 4] < 0.0]
         self._inner: FloatArray | None = None
 
@@ -252,6 +262,12 @@ class CoverBuilder:
         if self._inner is None:
             self._inner = self.inner_balls()
         return Cover(outer, ends, self._inner)
+
+
+def _extent(solid: Solid) -> float:
+    """Its longest edge, along the axes [m]."""
+    low, high = solid.bounds
+    return float((high - low).max())
 
 
 def _exact(cells: FloatArray) -> FloatArray:

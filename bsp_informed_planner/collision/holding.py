@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from bsp_informed_planner.collision.geometry import shape_geometries
 from bsp_informed_planner.errors import InvalidObstacleError, UnknownFrameError
-from bsp_informed_planner.robots.motion_bound import motion_levers, motion_radii
+from bsp_informed_planner.robots.motion_bound import LARGEST_REACH, motion_levers, motion_radii, reach_of
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray, Pose, frozen_array
 from bsp_informed_planner.scene.scene import AttachedObstacle, BodyPair, Scene, WorkspaceBounds
@@ -24,7 +24,8 @@ def robot_in_scene(robot: Robot, scene: Scene) -> Robot:
 
     Raises:
         UnknownFrameError: if a body is attached to a link that the robot does not have.
-        InvalidObstacleError: if a body has the name of a frame of the robot, or a shape without volume.
+        InvalidObstacleError: if a body has the name of a frame of the robot, a shape without volume, or one that
+            reaches further than `LARGEST_REACH` from its joint.
     """
     if isinstance(robot, HoldingRobot):
         if robot.scene.attached == scene.attached and robot.scene.allowed_collisions == scene.allowed_collisions:
@@ -126,6 +127,12 @@ class HoldingRobot:
             for geometry in geometries:
                 name = f"{HELD}{body.id}/{self.collision_model.ngeoms}"
                 item = pin.GeometryObject(name, joint, frame, origin * _placement(pose), geometry)
+                reach = reach_of(item)
+                if not reach <= LARGEST_REACH:
+                    text = (
+                        f"attached, it reaches {reach:.3g} m from its joint: at most {LARGEST_REACH:g} m are expected"
+                    )
+                    raise InvalidObstacleError(body.id, text)
                 index = self.collision_model.addGeometryObject(item)
                 self._add_pairs(int(index), joint, body.id, may_touch)
 

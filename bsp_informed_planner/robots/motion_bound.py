@@ -12,6 +12,8 @@ import pinocchio as pin
 from bsp_informed_planner.scene.pose import FloatArray
 
 _FACETS = 24
+#: Bodies of a robot that reach further from their joint are a mistake, or in a unit other than metres [m].
+LARGEST_REACH = 100.0
 
 
 def motion_levers(model: pin.Model, collision_model: pin.GeometryModel) -> FloatArray:
@@ -159,6 +161,13 @@ def joint_axes(model: pin.Model) -> tuple[FloatArray, np.ndarray]:
         prismatic[joint - 1] = np.linalg.norm(column[3:]) < 0.5
         axes[joint - 1] = column[:3] if prismatic[joint - 1] else column[3:]
     return axes / np.linalg.norm(axes, axis=1, keepdims=True), prismatic
+
+
+def reach_of(item: pin.GeometryObject) -> float:
+    """How far at most a geometry reaches from the origin of the joint that carries it [m]; NaN where it overflows."""
+    points, margin = bounding_points(item.geometry)
+    placed = points @ item.placement.rotation.T + item.placement.translation
+    return float(np.linalg.norm(placed, axis=1).max(initial=0.0)) + margin
 
 
 def bounding_points(geometry: coal.CollisionGeometry) -> tuple[FloatArray, float]:

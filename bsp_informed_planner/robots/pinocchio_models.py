@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from bsp_informed_planner.errors import RobotDescriptionError
 from bsp_informed_planner.robots.description import RobotDescription, held_name
+from bsp_informed_planner.robots.motion_bound import LARGEST_REACH, reach_of
 
 logger = logging.getLogger(__name__)
 
@@ -20,7 +21,8 @@ def build_models(description: RobotDescription) -> tuple[pin.Model, pin.Geometry
     that the SRDF disables.
 
     Raises:
-        RobotDescriptionError: if Pinocchio cannot read the URDF or a mesh, or no joint is left to move.
+        RobotDescriptionError: if Pinocchio cannot read the URDF or a mesh, no joint is left to move, or a geometry
+            reaches further than `LARGEST_REACH` from its joint.
     """
     try:
         model = pin.buildModelFromXML(description.urdf)
@@ -42,6 +44,13 @@ def build_models(description: RobotDescription) -> tuple[pin.Model, pin.Geometry
         raise RobotDescriptionError(f"the URDF of '{description.name}' has no joint that moves")
     if collision_model.ngeoms == 0:
         logger.warning("%s has no collision geometry", description.name)
+    for item in collision_model.geometryObjects:
+        reach = reach_of(item)
+        if not reach <= LARGEST_REACH:
+            raise RobotDescriptionError(
+                f"a collision geometry of link '{model.frames[item.parentFrame].name}' of '{description.name}' reaches "
+                f"{reach:.3g} m from its joint: at most {LARGEST_REACH:g} m are expected"
+            )
     _add_self_pairs(model, collision_model, description)
     _warn_of_permanent_contacts(model, collision_model, description.name)
     return model, collision_model
