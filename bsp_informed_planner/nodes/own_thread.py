@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -29,6 +30,10 @@ logger = logging.getLogger(__name__)
 LOOK_SECONDS = 1.0
 #: The same for a thread that has yet to begin [s].
 BEGIN_SECONDS = 0.1
+#: After an error while waiting: one that comes again at once must not fill the log [s].
+ERROR_PAUSE = 0.1
+#: Most requests of a service that are still answered when it ends: as many as its history holds.
+LAST_REQUESTS = 1000
 
 #: Sends the answer to a request; from any thread, once.
 Reply = Callable[[Any], None]
@@ -157,6 +162,19 @@ class Intake:
             if header is not None:
                 self._call(_resolve, client, header, response)
 
+    def _take_last_requests(self) -> None:
+        """Call back with the requests that are there, without waiting for any."""
+        for service, answer in self._services:
+            for _ in range(LAST_REQUESTS):
+                try:
+                    request, header = service.handle.service_take_request(service.srv_type.Request)
+                except Exception as error:  # noqa: BLE001 -- the others are still to be answered
+                    logger.debug("a last request could not be read: %s", error)
+                    break
+                if header is None:
+                    break
+                self._call(answer, request, self._reply(service, header))
+
     @contextmanager
     def _changing(self) -> Iterator[None]:
         """While there is something new to wait for."""
@@ -208,10 +226,14 @@ class OwnThread(Intake):
         self._thread.start()
 
     def close(self) -> None:
-        """End after the callback that runs, and destroy what was waited for. Not from one of the callbacks."""
+        """End after the callback that runs, and destroy what was waited for. Not from one of the callbacks.
+
+        Requests that have come are answered before.
+        """
         self._stopping = True
         self.wake()
         self._thread.join()
+        self._take_last_requests()
         super().close()
 
     def _run(self) -> None:
@@ -221,9 +243,10 @@ class OwnThread(Intake):
         while not self._stopping and self._node.context.ok():
             try:
                 self.take(LOOK_SECONDS)
-            except rclpy_implementation.RCLError as error:
+            except Exception as error:  # noqa: BLE001 -- what cannot be read must not keep what comes after it
                 if self._node.context.ok():
-                    self._node.get_logger().error(f"while waiting: {error}")
+                    self._node.get_logger().error(f"while waiting: {type(error).__name__}: {error}")
+                    time.sleep(ERROR_PAUSE)
 
 
 def _ready(wait_set: Any, kind: str, entities: tuple[tuple[Any, ...], ...]) -> list[tuple[Any, ...]]:
