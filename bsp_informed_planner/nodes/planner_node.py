@@ -153,7 +153,7 @@ class PlannerNode(PlannerSuiteNode):
         """Cancel what runs and waits, and let the executor send the results of the action."""
         self._jobs.stop()
         end = time.monotonic() + ANSWER_SECONDS
-        while self._in_flight and time.monotonic() < end:
+        while self._in_flight and time.monotonic() < end and self.context.ok():
             time.sleep(0.01)
         # The last answer is sent right after its coroutine has ended, by a thread that may have to wait for a core.
         time.sleep(max(self._last_answer + SENDING_SECONDS - time.monotonic(), 0.0))
@@ -185,7 +185,7 @@ class PlannerNode(PlannerSuiteNode):
         try:
             describe_robot(self._world.robot, response)
             response.error_code = int(ErrorCode.SUCCESS)
-        except BspPlannerError as error:
+        except Exception as error:  # noqa: BLE001 -- every request gets an answer
             response.error_code, response.message = int(error_code(error)), str(error)
         reply(response)
 
