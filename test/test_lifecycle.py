@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import rclpy
+from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import KeypointGraph, PlanResponse
 from bsp_informed_planner_msgs.srv import EstimateKeypoints, GetPlannerInfo, SampleConfigurations
 from lifecycle_msgs.msg import Transition
@@ -343,6 +344,46 @@ def test_a_node_that_others_start_answers_before_it_is_active(suite: Suite) -> N
     spin_until(client, future.done)
     assert future.result().message == "inactive"
     node.destroy_node()
+
+
+def test_goals_that_are_taken_are_answered_while_the_node_comes_and_goes(
+    suite: Suite, caplog: pytest.LogCaptureFixture
+) -> None:
+    suite.add_all()
+    client = suite.client()
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8), PATIENCE)
+    action = motion_client(client)
+    planner = suite.nodes[-1]
+
+    def come_and_go() -> None:
+        for _ in range(4):
+            for change in (
+                planner.trigger_deactivate,
+                planner.trigger_cleanup,
+                planner.trigger_configure,
+                planner.trigger_activate,
+            ):
+                changes.append(change())
+            time.sleep(0.1)
+
+    changes: list[TransitionCallbackReturn] = []
+    thread = threading.Thread(target=come_and_go)
+    thread.start()
+    answered = 0
+    while thread.is_alive():
+        if not action.server_is_ready():
+            client.spin_for(0.01)
+            continue
+        sent = action.send_goal_async(PlanMotion.Goal(request=point_request(allowed_planning_time=0.5)))
+        # One that is sent to a server that has just gone is heard by nobody.
+        if client.spin_until(sent.done, 0.5) and sent.result().accepted:
+            assert outcome_of(client, sent.result()).message
+            answered += 1
+    assert changes == [SUCCESS] * 16
+    assert answered > 4
+    assert "while spinning" not in caplog.text
+    action.destroy()
 
 
 def test_what_a_callback_raises_does_not_end_a_node(suite: Suite, caplog: pytest.LogCaptureFixture) -> None:

@@ -263,6 +263,10 @@ def spin(executor: Executor) -> None:
             logger.debug("destroyed while it was waited for: %s", error)
         except ExternalShutdownException:
             raise
+        except rclpy_implementation.RCLError as error:
+            if executor.context.ok():
+                logger.warning("while spinning: %s", error)
+                time.sleep(ERROR_PAUSE)
         except Exception:
             if executor.context.ok():
                 logger.exception("in a callback")

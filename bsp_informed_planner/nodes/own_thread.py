@@ -32,8 +32,10 @@ LOOK_SECONDS = 1.0
 BEGIN_SECONDS = 0.1
 #: After an error while waiting: one that comes again at once must not fill the log [s].
 ERROR_PAUSE = 0.1
-#: Most requests of a service that are still answered when it ends: as many as its history holds.
-LAST_REQUESTS = 1000
+#: A service ends when it has sent no answer for so long, which may still be on its way [s].
+QUIET_SECONDS = 0.05
+#: After the first of these times it ends as soon as nothing is there, after the second whatever still comes [s].
+LAST_SECONDS = (0.25, 1.0)
 
 #: Sends the answer to a request; from any thread, once.
 Reply = Callable[[Any], None]
@@ -66,6 +68,7 @@ class Intake:
         self._group = _Apart()
         self._guard = GuardCondition(callback=None, callback_group=None, context=node.context)
         self._lock = threading.Lock()
+        self._last_reply = -QUIET_SECONDS
         self._subscriptions: tuple[tuple[Subscription, Callable[..., None]], ...] = ()
         self._services: tuple[tuple[Service, Callable[[Any, Reply], None]], ...] = ()
         self._clients: tuple[tuple[Client], ...] = ()
@@ -163,17 +166,24 @@ class Intake:
                 self._call(_resolve, client, header, response)
 
     def _take_last_requests(self) -> None:
-        """Call back with the requests that are there, without waiting for any."""
-        for service, answer in self._services:
-            for _ in range(LAST_REQUESTS):
+        """Call back with the requests that are there, until no more come."""
+        begin = time.monotonic()
+        while (now := time.monotonic()) < begin + LAST_SECONDS[1]:
+            taken = False
+            for service, answer in self._services:
                 try:
                     request, header = service.handle.service_take_request(service.srv_type.Request)
                 except Exception as error:  # noqa: BLE001 -- the others are still to be answered
                     logger.debug("a last request could not be read: %s", error)
-                    break
-                if header is None:
-                    break
-                self._call(answer, request, self._reply(service, header))
+                    continue
+                if header is not None:
+                    taken = True
+                    self._call(answer, request, self._reply(service, header))
+            if taken:
+                continue
+            if now >= min(self._last_reply + QUIET_SECONDS, begin + LAST_SECONDS[0]):
+                return
+            time.sleep(1e-3)
 
     @contextmanager
     def _changing(self) -> Iterator[None]:
@@ -201,6 +211,7 @@ class Intake:
 
     def _reply(self, service: Service, header: Any) -> Reply:
         def reply(response: object) -> None:
+            self._last_reply = time.monotonic()
             try:
                 service.send_response(response, header)
             except Exception as error:  # noqa: BLE001 -- the client, or this node, is gone: nobody waits
