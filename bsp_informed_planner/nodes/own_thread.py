@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -34,8 +35,12 @@ BEGIN_SECONDS = 0.1
 ERROR_PAUSE = 0.1
 #: A service ends when it has sent no answer for so long, which may still be on its way [s].
 QUIET_SECONDS = 0.05
-#: After the first of these times it ends as soon as nothing is there, after the second whatever still comes [s].
-LAST_SECONDS = (0.25, 1.0)
+#: It ends after this time even if somebody asks again and again [s].
+LAST_SECONDS = 0.25
+#: So soon a client that has been answered may have asked again [s].
+RESEND_SECONDS = 2e-3
+#: Most requests of a service that are taken at its end between two looks at the clock.
+MOST_REQUESTS = 100
 
 #: Sends the answer to a request; from any thread, once.
 Reply = Callable[[Any], None]
@@ -69,6 +74,8 @@ class Intake:
         self._guard = GuardCondition(callback=None, callback_group=None, context=node.context)
         self._lock = threading.Lock()
         self._last_reply = -QUIET_SECONDS
+        # Answers that are to be sent together; None: each is sent at once.
+        self._held_replies: list[Callable[[], None]] | None = None
         self._subscriptions: tuple[tuple[Subscription, Callable[..., None]], ...] = ()
         self._services: tuple[tuple[Service, Callable[[Any, Reply], None]], ...] = ()
         self._clients: tuple[tuple[Client], ...] = ()
@@ -166,24 +173,34 @@ class Intake:
                 self._call(_resolve, client, header, response)
 
     def _take_last_requests(self) -> None:
-        """Call back with the requests that are there, until no more come."""
-        begin = time.monotonic()
-        while (now := time.monotonic()) < begin + LAST_SECONDS[1]:
-            taken = False
-            for service, answer in self._services:
+        """Answer the requests that are there, until no more come."""
+        end = time.monotonic() + LAST_SECONDS
+        while (now := time.monotonic()) < end:
+            if not self._take_requests() and now >= self._last_reply + QUIET_SECONDS:
+                return
+            time.sleep(RESEND_SECONDS)
+        # Somebody asks again as soon as he is answered: so all are answered at once, and nobody can ask before the end.
+        self._held_replies = []
+        while self._take_requests() and time.monotonic() < end + LAST_SECONDS:
+            time.sleep(RESEND_SECONDS)
+        for send in self._held_replies:
+            send()
+
+    def _take_requests(self) -> bool:
+        """Call back with the requests that are there, without waiting for any. Returns whether there were some."""
+        taken = False
+        for service, answer in self._services:
+            for _ in range(MOST_REQUESTS):
                 try:
                     request, header = service.handle.service_take_request(service.srv_type.Request)
                 except Exception as error:  # noqa: BLE001 -- the others are still to be answered
                     logger.debug("a last request could not be read: %s", error)
-                    continue
-                if header is not None:
-                    taken = True
-                    self._call(answer, request, self._reply(service, header))
-            if taken:
-                continue
-            if now >= min(self._last_reply + QUIET_SECONDS, begin + LAST_SECONDS[0]):
-                return
-            time.sleep(1e-3)
+                    break
+                if header is None:
+                    break
+                taken = True
+                self._call(answer, request, self._reply(service, header))
+        return taken
 
     @contextmanager
     def _changing(self) -> Iterator[None]:
@@ -211,6 +228,12 @@ class Intake:
 
     def _reply(self, service: Service, header: Any) -> Reply:
         def reply(response: object) -> None:
+            if self._held_replies is None:
+                send(response)
+            else:
+                self._held_replies.append(partial(send, response))
+
+        def send(response: object) -> None:
             self._last_reply = time.monotonic()
             try:
                 service.send_response(response, header)
