@@ -199,7 +199,7 @@ class PlannerSuiteNode(LifecycleNode):
         self._is_serving = False
         with self._changing:
             self._is_over = True
-            self._resources.close()
+            self._release()
 
     def destroy_node(self) -> None:
         # Threads must not outlive what they publish with.
