@@ -177,25 +177,23 @@ class MoveItBridgeNode(PlannerSuiteNode):
         scene.header.stamp = self.get_clock().now().to_msg()
         self._publisher.publish(scene)
 
+    async def _plan_in_time(self, request: Plan.Request) -> PlanResponse:
+        """The answer of the planner node, or that there is none."""
+        reason = "`plan` is not served"
+        if self._plan.service_is_ready():
+            planning = float(request.request.allowed_planning_time)
+            seconds = PATIENCE + (planning if 0.0 < planning < math.inf else LONGEST_PLAN)
+            answer = await call(self, self._plan, request, seconds)
+            if answer is not None:
+                return answer.response
+            reason = f"`plan` has not answered within {seconds:.0f} s"
+        return PlanResponse(error_code=int(ErrorCode.COMMUNICATION_FAILURE), message=reason)
+
     async def _on_plan(self, request: Any, response: Any) -> Any:
         asked, begin = request.motion_plan_request, time.monotonic()
         try:
             self.require_active()
-            ours = self._require_world().request(asked)
-            if not self._plan.service_is_ready():
-                answer = PlanResponse(error_code=int(ErrorCode.COMMUNICATION_FAILURE), message="`plan` is not served")
-            else:
-                planning = float(ours.request.allowed_planning_time)
-                seconds = PATIENCE + (planning if 0.0 < planning < math.inf else LONGEST_PLAN)
-                answered = await call(self, self._plan, ours, seconds)
-                answer = (
-                    answered.response
-                    if answered is not None
-                    else PlanResponse(
-                        error_code=int(ErrorCode.COMMUNICATION_FAILURE),
-                        message=f"no answer of `plan` in {seconds:.0f} s",
-                    )
-                )
+            answer = await self._plan_in_time(self._require_world().request(asked))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self.note_error(str(error))
             answer = PlanResponse(error_code=int(error_code(error)), message=str(error))

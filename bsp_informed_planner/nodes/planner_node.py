@@ -98,7 +98,8 @@ class PlannerNode(PlannerSuiteNode):
         self._failures = 0
         self._in_flight = 0
         self._counting = threading.Lock()
-        # When a goal was last taken, or answered.
+        # Of these the goals, and when one was last taken, or answered.
+        self._goals = 0
         self._last_goal = -SENDING_SECONDS
         self._records = FailureRecords(self._settings.save_problem_on_failure)
         self._plans = Meter()
@@ -163,7 +164,7 @@ class PlannerNode(PlannerSuiteNode):
         # A goal that was taken begins a little later, and its answer is sent right after its coroutine has ended, by a
         # thread that may have to wait for a core.
         while self.context.ok() and (now := time.monotonic()) < end:
-            if not self._in_flight and now >= self._last_goal + SENDING_SECONDS:
+            if not self._goals and now >= self._last_goal + SENDING_SECONDS:
                 return
             time.sleep(0.01)
 
@@ -232,13 +233,12 @@ class PlannerNode(PlannerSuiteNode):
             future.set_result(made.response)
             self.executor.wake()
 
-        self._count_in_flight(1)
+        self._count_in_flight(1, is_goal=True)
         try:
             self._submit(goal.request.request, answer, lambda: bool(goal.is_cancel_requested), on_progress)
             response: PlanResponse = await future
         finally:
-            self._count_in_flight(-1)
-            self._last_goal = time.monotonic()
+            self._count_in_flight(-1, is_goal=True)
         if response.error_code == ErrorCode.SUCCESS:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -247,9 +247,12 @@ class PlannerNode(PlannerSuiteNode):
             goal.abort()
         return PlanMotion.Result(response=response)
 
-    def _count_in_flight(self, change: int) -> None:
+    def _count_in_flight(self, change: int, is_goal: bool = False) -> None:
         with self._counting:
             self._in_flight += change
+            if is_goal:
+                self._goals += change
+                self._last_goal = time.monotonic()
 
     def _submit(
         self,
