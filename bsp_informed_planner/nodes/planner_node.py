@@ -229,9 +229,10 @@ class PlannerNode(PlannerSuiteNode):
         future = Future(executor=self.executor)
 
         def answer(made: Answer) -> None:
-            self._tell_of(made)
             future.set_result(made.response)
             self.executor.wake()
+            # After the answer: who tells others may be kept by them.
+            self._tell_of(made)
 
         self._count_in_flight(1, is_goal=True)
         try:
