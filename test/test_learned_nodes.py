@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -121,5 +122,9 @@ def test_a_damaged_model_fails_the_transition_with_a_sentence(tmp_path: Path) ->
     with running_suite("point") as suite:
         node = suite.add(InferenceNode, model_folder=str(tmp_path), autostart=False)
         assert not node.get_parameter("autostart").value
+        before = set(threading.enumerate())
         assert node.trigger_configure().name == "FAILURE"
         assert "maze_heatmap.safetensors: cannot be read" in node._last_error
+        # What was begun before is over.
+        assert not list(node.subscriptions)
+        assert not {"scene", "world"} & {thread.name for thread in set(threading.enumerate()) - before}

@@ -9,8 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import rclpy
+from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import KeypointGraph, PlanResponse
-from bsp_informed_planner_msgs.srv import EstimateKeypoints
+from bsp_informed_planner_msgs.srv import EstimateKeypoints, GetPlannerInfo, SampleConfigurations
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import ListParameters
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from suite import (
@@ -33,12 +36,14 @@ from suite import (
 
 from bsp_informed_planner.errors import InvalidOptionError
 from bsp_informed_planner.nodes import remote_guidance
+from bsp_informed_planner.nodes.client import SuiteClient, SuiteUnavailableError
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.inference_node import InferenceNode
 from bsp_informed_planner.nodes.lifecycle import CANNOT_START, PlannerSuiteNode, run
+from bsp_informed_planner.nodes.own_thread import Reply
 from bsp_informed_planner.nodes.planner_node import PlannerNode
-from bsp_informed_planner.nodes.qos import LATCHED
+from bsp_informed_planner.nodes.qos import LATCHED, SERVICES
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
 from bsp_informed_planner.sampling.guide import EXACT
 
@@ -296,3 +301,161 @@ def test_a_process_that_is_told_to_end_while_it_is_set_up_ends_quietly(
 
     assert main() == (0 if is_told_to_end else CANNOT_START)
     assert ("cannot" in capfd.readouterr().err) is not is_told_to_end
+
+
+class Empty(PlannerSuiteNode):
+    """A node that needs nothing."""
+
+    def setup(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("transition", [Transition(id=3), Transition(id=77), Transition(label="activate")])
+def test_a_transition_that_there_is_not_is_refused(suite: Suite, transition: Transition) -> None:
+    node = suite.add(lambda **options: Empty("empty", **options), autostart=False)
+    client = suite.client()
+    service = client.node.create_client(ChangeState, "empty/change_state")
+    spin_until(client, service.service_is_ready)
+    # Twice: the node is still there.
+    for _ in range(2):
+        future = service.call_async(ChangeState.Request(transition=transition))
+        spin_until(client, future.done)
+        assert not future.result().success
+    future = service.call_async(ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE)))
+    spin_until(client, future.done)
+    assert future.result().success
+    assert node.trigger_activate() is SUCCESS
+
+
+def test_a_node_that_others_start_answers_before_it_is_active(suite: Suite) -> None:
+    class Serving(PlannerSuiteNode):
+        def setup(self) -> None:
+            self.own_thread("requests").serve(GetPlannerInfo, "info", self._answer, SERVICES)
+
+        def _answer(self, _: GetPlannerInfo.Request, reply: Reply) -> None:
+            reply(GetPlannerInfo.Response(message="active" if self._is_serving else "inactive"))
+
+    node = Serving("serving", namespace=suite.namespace, context=suite.context)
+    assert node.trigger_configure() is SUCCESS
+    client = suite.client()
+    service = client.node.create_client(GetPlannerInfo, "info")
+    spin_until(client, service.service_is_ready)
+    future = service.call_async(GetPlannerInfo.Request())
+    spin_until(client, future.done)
+    assert future.result().message == "inactive"
+    node.destroy_node()
+
+
+def test_goals_that_are_taken_are_answered_while_the_node_comes_and_goes(
+    suite: Suite, caplog: pytest.LogCaptureFixture
+) -> None:
+    suite.add_all()
+    client = suite.client()
+    client.wait_for_nodes(PATIENCE)
+    client.publish_scene(gap_scene(0.8), PATIENCE)
+    action = motion_client(client)
+    planner = suite.nodes[-1]
+
+    def come_and_go() -> None:
+        for _ in range(4):
+            for change in (
+                planner.trigger_deactivate,
+                planner.trigger_cleanup,
+                planner.trigger_configure,
+                planner.trigger_activate,
+            ):
+                changes.append(change())
+            time.sleep(0.3)
+
+    changes: list[TransitionCallbackReturn] = []
+    thread = threading.Thread(target=come_and_go)
+    thread.start()
+    answered = 0
+    while thread.is_alive():
+        if not action.server_is_ready():
+            client.spin_for(0.01)
+            continue
+        sent = action.send_goal_async(PlanMotion.Goal(request=point_request(allowed_planning_time=0.5)))
+        # One that is sent to a server that has just gone is heard by nobody.
+        if client.spin_until(sent.done, 0.5) and sent.result().accepted:
+            assert outcome_of(client, sent.result()).message
+            answered += 1
+    assert changes == [SUCCESS] * 16
+    assert answered
+    assert "while spinning" not in caplog.text
+    action.destroy()
+
+
+def test_what_a_callback_raises_does_not_end_a_node(suite: Suite, caplog: pytest.LogCaptureFixture) -> None:
+    node = suite.add(lambda **options: Empty("empty", **options))
+    ticks: list[float] = []
+
+    def tick() -> None:
+        ticks.append(time.monotonic())
+        if len(ticks) == 1:
+            raise ValueError("the first time is the worst")
+
+    node.create_timer(0.01, tick)
+    until(lambda: len(ticks) > 3)
+    until(lambda: "the first time is the worst" in caplog.text)
+
+
+def test_a_node_that_is_destroyed_while_it_is_configured_leaves_nothing(suite: Suite) -> None:
+    begun, released = threading.Event(), threading.Event()
+
+    class Slow(PlannerSuiteNode):
+        def setup(self) -> None:
+            begun.set()
+            time.sleep(0.3)
+            self.own_thread("late")
+            self.release_with(released.set)
+
+    node = Slow("slow", namespace=suite.namespace, context=suite.context)
+    thread = threading.Thread(target=node.trigger_configure)
+    thread.start()
+    assert begun.wait(PATIENCE)
+    node.destroy_node()
+    assert released.is_set()
+    assert "late" not in {thread.name for thread in threading.enumerate()}
+    thread.join(PATIENCE)
+
+
+def test_clients_wait_for_a_node_that_has_guidance(suite: Suite) -> None:
+    suite.add(DecompositionNode)
+    suite.add(PlannerNode)
+    client = suite.client()
+    # The planner node is a client of the services of guidance, so their names are known.
+    spin_until(client, lambda: bool(client.node.count_clients("estimate_keypoints")))
+    with pytest.raises(SuiteUnavailableError, match="no service estimate_keypoints, no service sample_configurations"):
+        client.wait_for_nodes(0.5)
+    suite.add(InferenceNode)
+    client.wait_for_nodes(PATIENCE)
+
+
+def test_clients_leave_a_node_as_it_was(suite: Suite) -> None:
+    node = rclpy.create_node("owner", namespace=suite.namespace, context=suite.context)
+
+    def entities() -> list[int]:
+        kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.waitables, node.guards)
+        return [len(list(kind)) for kind in kinds]
+
+    before = entities()
+    SuiteClient(node).close()
+    assert entities() == before
+    node.destroy_node()
+
+
+def test_samples_are_not_waited_for_again_and_again(suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote_guidance.RemoteSampler, "PATIENCE", 1.0)
+    # Nobody spins it: it never answers, like one that was killed.
+    dead = rclpy.create_node("dead", namespace=suite.namespace, context=suite.context)
+    dead.create_service(SampleConfigurations, "sample_configurations", lambda _, response: response)
+    client = suite.client().node.create_client(SampleConfigurations, "sample_configurations")
+    until(client.service_is_ready)
+    template = SampleConfigurations.Request(joints=2, count=8, seed=1)
+    sampler = remote_guidance.RemoteSampler(client, template, np.zeros((4, 2)))
+    begin = time.monotonic()
+    for _ in range(6):
+        assert sampler.sample(np.random.default_rng(0), 4).shape == (4, 2)
+    assert time.monotonic() - begin < 3.0
+    dead.destroy_node()

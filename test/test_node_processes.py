@@ -185,3 +185,27 @@ def test_a_node_that_cannot_start_is_given_up(tmp_path: Path) -> None:
         nodes.wait(said.append)
     assert said == []
     assert "did you mean workers?" in (tmp_path / "planner_node.log").read_text()
+
+
+def test_a_node_that_is_told_to_end_gives_its_last_answers(processes: Processes) -> None:
+    client = processes.client()
+    client.publish_scene(gap_scene(0.8, gap=-0.1), PATIENCE)
+    action = motion_client(client)
+    goals = [start_motion(client, action, point_request(allowed_planning_time=PATIENCE)) for _ in range(3)]
+    answers: list[PlanResponse] = []
+    other = processes.client()
+    request = point_request(allowed_planning_time=PATIENCE)
+    thread = threading.Thread(target=lambda: answers.append(other.plan(request, PATIENCE)))
+    thread.start()
+    client.spin_for(0.5)
+    planner = processes.nodes.processes["planner_node"]
+    planner.send_signal(signal.SIGTERM)
+    # Those that ran were cancelled; those that waited may have found the node inactive before that.
+    codes = [outcome_of(client, goal).error_code for goal in goals]
+    assert set(codes) <= {ErrorCode.PREEMPTED, ErrorCode.FAILURE}
+    thread.join(PATIENCE)
+    assert len(answers) == 1
+    assert answers[0].error_code in (ErrorCode.PREEMPTED, ErrorCode.FAILURE)
+    assert planner.wait(PATIENCE) == 0
+    until(lambda: processes.nodes.revive() == ["planner_node"])
+    action.destroy()

@@ -26,6 +26,7 @@ from suite import (
     waypoints,
 )
 
+from bsp_informed_planner.nodes import planner_node
 from bsp_informed_planner.nodes.client import SuiteClient, _wait_until
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
 from bsp_informed_planner.nodes.error_codes import ErrorCode
@@ -142,6 +143,20 @@ def test_information_is_given_while_plans_run(suite: Suite) -> None:
         goal.cancel_goal_async()
     assert [outcome_of(client, goal).error_code for goal in goals] == [ErrorCode.PREEMPTED] * 4
     action.destroy()
+
+
+def test_information_that_cannot_be_had_is_an_answer(suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
+    client = ready_client(suite)
+
+    def fail(*_: object) -> None:
+        raise ValueError("a robot like no other")
+
+    monkeypatch.setattr(planner_node, "describe_robot", fail)
+    service = client.node.create_client(GetPlannerInfo, "get_planner_info")
+    spin_until(client, service.service_is_ready)
+    future = service.call_async(GetPlannerInfo.Request())
+    spin_until(client, future.done)
+    assert (future.result().error_code, future.result().message) == (ErrorCode.CRASH, "a robot like no other")
 
 
 def test_an_answer_waits_for_a_client_that_is_slow_to_read(suite: Suite) -> None:

@@ -11,6 +11,7 @@ import pytest
 import rclpy
 from bsp_informed_planner_msgs.srv import GetPlannerInfo
 from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
@@ -18,6 +19,8 @@ from suite import until
 
 from bsp_informed_planner.nodes.own_thread import Intake, OwnThread, Reply
 from bsp_informed_planner.nodes.qos import LATCHED, SERVICES, UPDATES
+
+InvalidHandle = rclpy_implementation.InvalidHandle
 
 
 @pytest.fixture
@@ -92,3 +95,39 @@ def test_what_comes_before_its_time_waits(node: Node) -> None:
     thread.close()
     # One that has not begun can be closed, too.
     OwnThread(node, "never", threading.Event()).close()
+
+
+def test_requests_that_have_come_are_answered_at_the_end(node: Node) -> None:
+    server, mine = OwnThread(node, "requests", threading.Event()), Intake(node)
+    server.serve(GetPlannerInfo, "info", lambda _, reply: reply(GetPlannerInfo.Response()), SERVICES)
+    client = mine.client(GetPlannerInfo, "info", SERVICES)
+    until(client.service_is_ready)
+    futures = [client.call_async(GetPlannerInfo.Request()) for _ in range(20)]
+    time.sleep(0.3)
+    server.close()
+
+    def all_are_there() -> bool:
+        mine.take(0.01)
+        return all(future.done() for future in futures)
+
+    until(all_are_there)
+    mine.close()
+
+
+def test_what_cannot_be_read_does_not_end_the_thread(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    errors: list[Exception] = [MemoryError("too long"), InvalidHandle("gone")]
+    take = Intake.take
+
+    def failing(self: Intake, seconds: float) -> None:
+        if errors:
+            raise errors.pop()
+        take(self, seconds)
+
+    monkeypatch.setattr(Intake, "take", failing)
+    thread, taken = OwnThread(node, "messages"), []
+    thread.subscribe(String, "text", lambda message, _: taken.append(message.data), LATCHED)
+    publisher = node.create_publisher(String, "text", LATCHED)
+    publisher.publish(String(data="after"))
+    until(lambda: taken == ["after"])
+    assert not errors
+    thread.close()

@@ -102,15 +102,20 @@ class SuiteClient:
         self._statuses = 0
         self.keypoint_graph: KeypointGraph | None = None
         self._scene: bytes | None = None
-        node.create_subscription(SceneStatus, "scene_status", self._on_status, LATCHED)
-        node.create_subscription(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
-        # To be read when it is asked for.
-        node.create_subscription(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True)
+        self._subscriptions = (
+            node.create_subscription(SceneStatus, "scene_status", self._on_status, LATCHED),
+            node.create_subscription(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED),
+            # To be read when it is asked for.
+            node.create_subscription(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True),
+        )
 
     def close(self) -> None:
-        """Leave the node to its owner."""
+        """Leave the node to its owner, as it was. A scene that was published is no longer there for who comes late."""
         self._plan_motion.destroy()
         self._answers.close()
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._node.destroy_publisher(self._publisher)
         self._executor.remove_node(self._node)
         self._executor.shutdown()
 
@@ -163,13 +168,9 @@ class SuiteClient:
 
         def missing() -> list[str]:
             lacking = [] if self._publisher.get_subscription_count() else ["a subscriber of obstacle_scene"]
-            services = {name.rsplit("/", 1)[-1] for name, _ in self._node.get_service_names_and_types()}
-            lacking += [
-                f"service {name}"
-                for name in ("plan", "estimate_keypoints", "sample_configurations")
-                if name not in services
-            ]
-            return lacking
+            # By their servers: names are known of services, too, that have clients only, as the planner node is one.
+            services = ("plan", "estimate_keypoints", "sample_configurations")
+            return lacking + [f"service {name}" for name in services if not self._node.count_services(name)]
 
         if not self.spin_until(lambda: not missing(), seconds, alive):
             raise SuiteUnavailableError(f"after {seconds:.0f} s there is still no {', no '.join(missing())}")

@@ -78,13 +78,13 @@ class InferenceNode(PlannerSuiteNode):
         self._parameter_set = self.follow_parameters(InferenceParameters, self._on_parameters)
         self._estimates = Meter()
         self._samples = Meter()
-        self._world = WorldTracker(self, self._settings.allow_empty_scene, PLANNER_FIRST)
         self._models = ServedModels(self._settings.model_folder or None)
         self._models.require_sound()
+        self._world = WorldTracker(self, self._settings.allow_empty_scene, PLANNER_FIRST)
+        self.release_with(self._world.close)
         self._preparation = RobotPreparation(self._world, self._try_out, self.note_error)
         self.release_with(self._preparation.close)
         self._robot_source = RobotSource(self, self._settings, self._on_robot, self.note_error)
-        self.release_with(self._world.close)
         self.release_with(self._robot_source.close)
         # One request of a kind at a time; the scene comes in through a thread of its own.
         for kind, name, callback in (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import signal
 import sys
 import threading
 import time
@@ -13,11 +14,13 @@ from typing import TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import uninstall_signal_handlers
 
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.errors import BspPlannerError, NodeInactiveError
@@ -39,6 +42,10 @@ MEMORY_PERIOD = 10.0
 CANNOT_START = 3
 #: How long an error makes diagnostics a warning [s].
 ERROR_SECONDS = 30.0
+#: How often a process looks whether it was told to end, in case a thread got the signal that cannot be woken by it [s].
+TOLD_PERIOD = 0.2
+#: After a callback that raised: one that always does must not fill the log [s].
+ERROR_PAUSE = 0.1
 
 
 class PlannerSuiteNode(LifecycleNode):
@@ -58,9 +65,16 @@ class PlannerSuiteNode(LifecycleNode):
         self._last_error = ""
         self._last_error_time = 0.0
         self._resources = ExitStack()
+        # While resources are made or released: a process may be told to end while an executor configures the node.
+        self._changing = threading.RLock()
+        self._is_over = False
+        # Unset while the node starts by itself.
         self._may_serve = threading.Event()
+        self._may_serve.set()
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         declare(self, NodeParameters, "autostart")
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
 
     # --- for subclasses ---
 
@@ -112,13 +126,32 @@ class PlannerSuiteNode(LifecycleNode):
     def autostart(self) -> bool:
         """Configure and activate, if the parameter says so. False if that failed."""
         if not self.get_parameter("autostart").value:
-            self._may_serve.set()
             return True
-        if self.trigger_configure() is not TransitionCallbackReturn.SUCCESS:
-            return False
-        return self.trigger_activate() is TransitionCallbackReturn.SUCCESS
+        self._may_serve.clear()
+        try:
+            return all(
+                trigger() is TransitionCallbackReturn.SUCCESS
+                for trigger in (self.trigger_configure, self.trigger_activate)
+            )
+        finally:
+            self._may_serve.set()
+
+    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+        """Answer, too, who asks for a transition that there is not; rclpy raises then, which would end the node."""
+        try:
+            return self._change_state(request, response)
+        except rclpy_implementation.RCLError as error:
+            self.get_logger().warning(f"transition {request.transition.id}: {str(error).splitlines()[0]}")
+            response.success = False
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        with self._changing:
+            return self._configure(state)
+
+    def _configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self._is_over:
+            return TransitionCallbackReturn.FAILURE
         try:
             # Here, and not within the time of somebody's first plan; at once if `make` has filled the cache.
             ensure_compiled()
@@ -129,7 +162,7 @@ class PlannerSuiteNode(LifecycleNode):
                 self.note_error(f"cannot configure: {error}")
             if not isinstance(error, BspPlannerError):
                 logger.debug("while configuring", exc_info=error)
-            self._resources.close()
+            self._release()
             return TransitionCallbackReturn.FAILURE
         timer = self.create_timer(
             DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -139,7 +172,6 @@ class PlannerSuiteNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._is_serving = True
-        self._may_serve.set()
         self.get_logger().info("active")
         return super().on_activate(state)
 
@@ -148,25 +180,35 @@ class PlannerSuiteNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._resources.close()
+        self._release()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._is_serving = False
-        self._resources.close()
+        self._release()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._is_serving = False
-        self._resources.close()
+        self._release()
         super().on_error(state)
         return TransitionCallbackReturn.SUCCESS
 
+    def release(self) -> None:
+        """Refuse to work from now on, answer what has come, and let go of everything; an executor has to spin."""
+        self._is_serving = False
+        with self._changing:
+            self._is_over = True
+            self._release()
+
     def destroy_node(self) -> None:
         # Threads must not outlive what they publish with.
-        self._is_serving = False
-        self._resources.close()
+        self.release()
         super().destroy_node()
+
+    def _release(self) -> None:
+        with self._changing:
+            self._resources.close()
 
     def _publish_diagnostics(self) -> None:
         status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id="bsp_informed_planner")
@@ -208,7 +250,7 @@ def spin(executor: Executor) -> None:
     """Spin until the executor or its context is shut down, also while nodes release what the executor waits for.
 
     rclpy collects what it waits for before it takes hold of the handles; one that was destroyed in between raises
-    InvalidHandle. The next round no longer has it.
+    InvalidHandle. The next round no longer has it. What a callback raises is logged, and the others go on.
 
     Raises:
         ExternalShutdownException: the context was shut down.
@@ -219,6 +261,37 @@ def spin(executor: Executor) -> None:
             return
         except rclpy_implementation.InvalidHandle as error:
             logger.debug("destroyed while it was waited for: %s", error)
+        except ExternalShutdownException:
+            raise
+        except rclpy_implementation.RCLError as error:
+            if executor.context.ok():
+                logger.warning("while spinning: %s", error)
+                time.sleep(ERROR_PAUSE)
+        except Exception:
+            if executor.context.ok():
+                logger.exception("in a callback")
+                time.sleep(ERROR_PAUSE)
+
+
+def _spin_until_told_to_end(node: PlannerSuiteNode) -> None:
+    """Spin a node until Ctrl-C or SIGTERM, and then until it has given its last answers. Leaves ROS shut down.
+
+    The handlers of rclpy would shut it down at once, and a client would wait for the result of its goal for ever.
+    """
+    told = threading.Event()
+    uninstall_signal_handlers()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: told.set())
+    executor = MultiThreadedExecutor(num_threads=4)
+    executor.add_node(node)
+    thread = threading.Thread(target=spin, args=(executor,), name="executor", daemon=True)
+    thread.start()
+    while thread.is_alive() and not told.wait(TOLD_PERIOD):
+        pass
+    node.release()
+    executor.remove_node(node)
+    rclpy.try_shutdown()
+    thread.join()
 
 
 def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -> None:
@@ -252,10 +325,8 @@ def run(create: Callable[[], PlannerSuiteNode], args: list[str] | None = None) -
             gc.freeze()
             # Callbacks must not wait for the interpreter while plans run in Python.
             sys.setswitchinterval(SWITCH_SECONDS)
-            executor = MultiThreadedExecutor(num_threads=4)
-            executor.add_node(node)
-            spin(executor)
-    except (KeyboardInterrupt, ExternalShutdownException):
+            _spin_until_told_to_end(node)
+    except KeyboardInterrupt:
         pass
     except (rclpy_implementation.RCLError, ParameterException) as error:
         started = not rclpy.ok()

@@ -6,6 +6,7 @@ Only where moveit_msgs is installed; the other nodes neither need it nor know of
 from __future__ import annotations
 
 import importlib
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.moveit_conversions import MoveItScene, request_from_moveit, response_to_moveit
 from bsp_informed_planner.nodes.parameters import parameter
+from bsp_informed_planner.nodes.patient_call import call
 from bsp_informed_planner.nodes.qos import LATCHED, SERVICES, UPDATES
 from bsp_informed_planner.nodes.robot_source import RobotParameters, RobotSource
 from bsp_informed_planner.nodes.scene_conversions import scene_to_msg
@@ -32,6 +34,11 @@ from bsp_informed_planner.nodes.size_limits import LARGEST
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import WorkspaceBounds
+
+#: How long an answer of the planner node may take beyond the time that planning itself may take [s].
+PATIENCE = 10.0
+#: The time that planning may take if the request gives none: the planner node has a default of its own [s].
+LONGEST_PLAN = 60.0
 
 
 class MoveItUnavailableError(BspPlannerError):
@@ -170,15 +177,23 @@ class MoveItBridgeNode(PlannerSuiteNode):
         scene.header.stamp = self.get_clock().now().to_msg()
         self._publisher.publish(scene)
 
+    async def _plan_in_time(self, request: Plan.Request) -> PlanResponse:
+        """The answer of the planner node, or that there is none."""
+        reason = "`plan` is not served"
+        if self._plan.service_is_ready():
+            planning = float(request.request.allowed_planning_time)
+            seconds = PATIENCE + (planning if 0.0 < planning < math.inf else LONGEST_PLAN)
+            answer = await call(self, self._plan, request, seconds)
+            if answer is not None:
+                return answer.response
+            reason = f"`plan` has not answered within {seconds:.0f} s"
+        return PlanResponse(error_code=int(ErrorCode.COMMUNICATION_FAILURE), message=reason)
+
     async def _on_plan(self, request: Any, response: Any) -> Any:
         asked, begin = request.motion_plan_request, time.monotonic()
         try:
             self.require_active()
-            ours = self._require_world().request(asked)
-            if not self._plan.service_is_ready():
-                answer = PlanResponse(error_code=int(ErrorCode.COMMUNICATION_FAILURE), message="`plan` is not served")
-            else:
-                answer = (await self._plan.call_async(ours)).response
+            answer = await self._plan_in_time(self._require_world().request(asked))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
             self.note_error(str(error))
             answer = PlanResponse(error_code=int(error_code(error)), message=str(error))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
+
+logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -13,7 +16,7 @@ class NewestFirstWorker(Generic[T]):
     """A thread that works on the newest item submitted; those that it did not get to before are dropped.
 
     Args:
-        work: called in the thread with one item at a time; must not raise.
+        work: called in the thread with one item at a time; what it raises is logged.
         name: of the thread.
         pause: least time between the end of one item and the beginning of the next [s].
         delay: time between the first submission and the beginning of the work [s].
@@ -64,7 +67,10 @@ class NewestFirstWorker(Generic[T]):
                 if self._stopping:
                     return
                 item = self._pending.pop()
-            self._work(item)
+            try:
+                self._work(item)
+            except Exception:
+                logger.exception("%s: an item was given up", self._thread.name)
             if self._pause:
                 with self._changed:
                     self._changed.wait_for(lambda: self._stopping, self._pause)

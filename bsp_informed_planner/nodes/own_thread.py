@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -29,6 +31,16 @@ logger = logging.getLogger(__name__)
 LOOK_SECONDS = 1.0
 #: The same for a thread that has yet to begin [s].
 BEGIN_SECONDS = 0.1
+#: After an error while waiting: one that comes again at once must not fill the log [s].
+ERROR_PAUSE = 0.1
+#: A service ends when it has sent no answer for so long, which may still be on its way [s].
+QUIET_SECONDS = 0.05
+#: It ends after this time even if somebody asks again and again [s].
+LAST_SECONDS = 0.25
+#: So soon a client that has been answered may have asked again [s].
+RESEND_SECONDS = 2e-3
+#: Most requests of a service that are taken at its end between two looks at the clock.
+MOST_REQUESTS = 100
 
 #: Sends the answer to a request; from any thread, once.
 Reply = Callable[[Any], None]
@@ -61,6 +73,9 @@ class Intake:
         self._group = _Apart()
         self._guard = GuardCondition(callback=None, callback_group=None, context=node.context)
         self._lock = threading.Lock()
+        self._last_reply = -QUIET_SECONDS
+        # Answers that are to be sent together; None: each is sent at once.
+        self._held_replies: list[Callable[[], None]] | None = None
         self._subscriptions: tuple[tuple[Subscription, Callable[..., None]], ...] = ()
         self._services: tuple[tuple[Service, Callable[[Any, Reply], None]], ...] = ()
         self._clients: tuple[tuple[Client], ...] = ()
@@ -157,6 +172,36 @@ class Intake:
             if header is not None:
                 self._call(_resolve, client, header, response)
 
+    def _take_last_requests(self) -> None:
+        """Answer the requests that are there, until no more come."""
+        end = time.monotonic() + LAST_SECONDS
+        while (now := time.monotonic()) < end:
+            if not self._take_requests() and now >= self._last_reply + QUIET_SECONDS:
+                return
+            time.sleep(RESEND_SECONDS)
+        # Somebody asks again as soon as he is answered: so all are answered at once, and nobody can ask before the end.
+        self._held_replies = []
+        while self._take_requests() and time.monotonic() < end + LAST_SECONDS:
+            time.sleep(RESEND_SECONDS)
+        for send in self._held_replies:
+            send()
+
+    def _take_requests(self) -> bool:
+        """Call back with the requests that are there, without waiting for any. Returns whether there were some."""
+        taken = False
+        for service, answer in self._services:
+            for _ in range(MOST_REQUESTS):
+                try:
+                    request, header = service.handle.service_take_request(service.srv_type.Request)
+                except Exception as error:  # noqa: BLE001 -- the others are still to be answered
+                    logger.debug("a last request could not be read: %s", error)
+                    break
+                if header is None:
+                    break
+                taken = True
+                self._call(answer, request, self._reply(service, header))
+        return taken
+
     @contextmanager
     def _changing(self) -> Iterator[None]:
         """While there is something new to wait for."""
@@ -183,6 +228,13 @@ class Intake:
 
     def _reply(self, service: Service, header: Any) -> Reply:
         def reply(response: object) -> None:
+            if self._held_replies is None:
+                send(response)
+            else:
+                self._held_replies.append(partial(send, response))
+
+        def send(response: object) -> None:
+            self._last_reply = time.monotonic()
             try:
                 service.send_response(response, header)
             except Exception as error:  # noqa: BLE001 -- the client, or this node, is gone: nobody waits
@@ -208,10 +260,14 @@ class OwnThread(Intake):
         self._thread.start()
 
     def close(self) -> None:
-        """End after the callback that runs, and destroy what was waited for. Not from one of the callbacks."""
+        """End after the callback that runs, and destroy what was waited for. Not from one of the callbacks.
+
+        Requests that have come are answered before.
+        """
         self._stopping = True
         self.wake()
         self._thread.join()
+        self._take_last_requests()
         super().close()
 
     def _run(self) -> None:
@@ -221,9 +277,10 @@ class OwnThread(Intake):
         while not self._stopping and self._node.context.ok():
             try:
                 self.take(LOOK_SECONDS)
-            except rclpy_implementation.RCLError as error:
+            except Exception as error:  # noqa: BLE001 -- what cannot be read must not keep what comes after it
                 if self._node.context.ok():
-                    self._node.get_logger().error(f"while waiting: {error}")
+                    self._node.get_logger().error(f"while waiting: {type(error).__name__}: {error}")
+                    time.sleep(ERROR_PAUSE)
 
 
 def _ready(wait_set: Any, kind: str, entities: tuple[tuple[Any, ...], ...]) -> list[tuple[Any, ...]]:

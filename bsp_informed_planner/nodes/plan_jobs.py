@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
 
 from bsp_informed_planner.errors import PlanningCancelledError, QueueFullError
+
+logger = logging.getLogger(__name__)
 
 R = TypeVar("R")
 
@@ -53,9 +56,17 @@ class PlanJobs(Generic[R]):
             cancelled: asked while the job waits; True ends the wait.
         """
 
+        is_refused = threading.Event()
+
         def run() -> None:
+            # `submit` holds the lock until it is known whether the job was refused.
+            with self._lock:
+                if is_refused.is_set():
+                    return
             try:
                 answer(self._work_when_free(work, refuse, cancelled))
+            except Exception:
+                logger.exception("a plan could not be answered")
             finally:
                 with self._lock:
                     self._count -= 1
@@ -68,9 +79,20 @@ class PlanJobs(Generic[R]):
                 error = QueueFullError(self._queue_size)
             else:
                 self._count += 1
-                self._threads.submit(run)
+                error = self._start(run, is_refused)
         if error is not None:
             answer(refuse(error))
+
+    def _start(self, run: Callable[[], None], is_refused: threading.Event) -> Exception | None:
+        """Have a job run; or the reason why it will not. With the lock held."""
+        try:
+            self._threads.submit(run)
+        except RuntimeError as error:
+            # The system has no thread to spare. The pool still has the job, for a thread that gets free.
+            is_refused.set()
+            self._count -= 1
+            return error
+        return None
 
     def stop(self) -> None:
         """Refuse new jobs, cancel those that wait, and wait for those that run: their `work` asks `is_stopping`."""

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 from bsp_informed_planner_msgs.action import PlanMotion
 from bsp_informed_planner_msgs.msg import PlanRequest, PlanResponse
 from bsp_informed_planner_msgs.srv import GetPlannerInfo, Plan
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -25,6 +24,7 @@ from visualization_msgs.msg import MarkerArray
 from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.failure_records import FailureRecords
+from bsp_informed_planner.nodes.gated_group import GatedGroup
 from bsp_informed_planner.nodes.joint_state_cache import JointStateCache
 from bsp_informed_planner.nodes.lifecycle import PlannerSuiteNode, run
 from bsp_informed_planner.nodes.meter import Meter
@@ -98,7 +98,9 @@ class PlannerNode(PlannerSuiteNode):
         self._failures = 0
         self._in_flight = 0
         self._counting = threading.Lock()
-        self._last_answer = 0.0
+        # Of these the goals, and when one was last taken, or answered.
+        self._goals = 0
+        self._last_goal = -SENDING_SECONDS
         self._records = FailureRecords(self._settings.save_problem_on_failure)
         self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
@@ -119,12 +121,14 @@ class PlannerNode(PlannerSuiteNode):
         self.release_with(self._publications.shutdown)
         self._untold = threading.BoundedSemaphore(MOST_UNTOLD)
         self._jobs: PlanJobs[Answer] = PlanJobs(self._settings.workers, self._settings.queue_size)
+        gate = GatedGroup()
         action = ActionServer(
             self,
             PlanMotion,
             "plan_motion",
             self._on_plan_motion,
-            callback_group=ReentrantCallbackGroup(),
+            callback_group=gate,
+            goal_callback=self._on_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=RESULT_TIMEOUT,
             goal_service_qos_profile=SERVICES,
@@ -132,6 +136,10 @@ class PlannerNode(PlannerSuiteNode):
             cancel_service_qos_profile=SERVICES,
         )
         self.release_with(action.destroy)
+        self.release_with(gate.close, SENDING_SECONDS)
+        gate.open()
+        if self.executor is not None:
+            self.executor.wake()
         requests = self.own_thread("requests")
         requests.subscribe(JointState, "joint_states", lambda m, _: self._joints.take(m), qos_profile_sensor_data)
         requests.serve(Plan, "plan", self._on_plan, SERVICES)
@@ -153,10 +161,12 @@ class PlannerNode(PlannerSuiteNode):
         """Cancel what runs and waits, and let the executor send the results of the action."""
         self._jobs.stop()
         end = time.monotonic() + ANSWER_SECONDS
-        while self._in_flight and time.monotonic() < end:
+        # A goal that was taken begins a little later, and its answer is sent right after its coroutine has ended, by a
+        # thread that may have to wait for a core.
+        while self.context.ok() and (now := time.monotonic()) < end:
+            if not self._goals and now >= self._last_goal + SENDING_SECONDS:
+                return
             time.sleep(0.01)
-        # The last answer is sent right after its coroutine has ended, by a thread that may have to wait for a core.
-        time.sleep(max(self._last_answer + SENDING_SECONDS - time.monotonic(), 0.0))
 
     def diagnostic_values(self) -> dict[str, object]:
         return {
@@ -185,7 +195,7 @@ class PlannerNode(PlannerSuiteNode):
         try:
             describe_robot(self._world.robot, response)
             response.error_code = int(ErrorCode.SUCCESS)
-        except BspPlannerError as error:
+        except Exception as error:  # noqa: BLE001 -- every request gets an answer
             response.error_code, response.message = int(error_code(error)), str(error)
         reply(response)
 
@@ -197,6 +207,13 @@ class PlannerNode(PlannerSuiteNode):
 
         self._count_in_flight(1)
         self._submit(request.request, answer, lambda: False, None)
+
+    def _on_goal(self, _: PlanMotion.Goal) -> GoalResponse:
+        """Take any goal, whose result says what is wrong with it, unless the node may be gone before it is asked."""
+        if self._jobs.is_stopping:
+            return GoalResponse.REJECT
+        self._last_goal = time.monotonic()
+        return GoalResponse.ACCEPT
 
     async def _on_plan_motion(self, goal: ServerGoalHandle) -> PlanMotion.Result:
         def on_progress(progress: Progress) -> None:
@@ -212,16 +229,17 @@ class PlannerNode(PlannerSuiteNode):
         future = Future(executor=self.executor)
 
         def answer(made: Answer) -> None:
-            self._tell_of(made)
             future.set_result(made.response)
             self.executor.wake()
+            # After the answer: who tells others may be kept by them.
+            self._tell_of(made)
 
-        self._count_in_flight(1)
+        self._count_in_flight(1, is_goal=True)
         try:
             self._submit(goal.request.request, answer, lambda: bool(goal.is_cancel_requested), on_progress)
             response: PlanResponse = await future
         finally:
-            self._count_in_flight(-1)
+            self._count_in_flight(-1, is_goal=True)
         if response.error_code == ErrorCode.SUCCESS:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -230,10 +248,12 @@ class PlannerNode(PlannerSuiteNode):
             goal.abort()
         return PlanMotion.Result(response=response)
 
-    def _count_in_flight(self, change: int) -> None:
+    def _count_in_flight(self, change: int, is_goal: bool = False) -> None:
         with self._counting:
             self._in_flight += change
-            self._last_answer = time.monotonic()
+            if is_goal:
+                self._goals += change
+                self._last_goal = time.monotonic()
 
     def _submit(
         self,

@@ -221,13 +221,15 @@ class RemoteSampler:
         self._next = 0
         self._batches = 1
         self._pending = False
+        # Whether the batch on its way has been waited for in vain: its node may be gone.
+        self._is_late = False
         self._changed = threading.Condition()
         self._request_more()
 
     def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
         with self._changed:
-            if len(self._pool) - self._next < count:
-                self._changed.wait_for(lambda: not self._pending, self.PATIENCE)
+            if len(self._pool) - self._next < count and not self._is_late:
+                self._is_late = not self._changed.wait_for(lambda: not self._pending, self.PATIENCE)
             fresh = self._pool[self._next : self._next + count]
             self._next += len(fresh)
             pool = self._pool
@@ -263,7 +265,7 @@ class RemoteSampler:
     def _on_answer(self, future: Any) -> None:
         answer = future.result()
         with self._changed:
-            self._pending = False
+            self._pending = self._is_late = False
             self._changed.notify_all()
             if answer is None or answer.error_code != ErrorCode.SUCCESS:
                 return
