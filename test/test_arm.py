@@ -224,8 +224,10 @@ def test_a_joint_may_be_held() -> None:
         (chain(joint("a", "revolute", "l0", "l1", '<limit lower="nan" upper="1"/>'), links=2), "lower < upper"),
         (chain(joint("a", "fixed", "l0", "l1"), links=2), "no joint that moves"),
         (
-            f'<robot name="m"><link name="l0"/>{link("l1", "<sphere radius=" + chr(34) + "1e300" + chr(34) + "/>")}'
-            f"{joint('a', 'revolute', 'l0', 'l1', LIMIT)}</robot>",
+            (
+                f'<robot name="m"><link name="l0"/>{link("l1", "<sphere radius=" + chr(34) + "1e300" + chr(34) + "/>")}'
+                f"{joint('a', 'revolute', 'l0', 'l1', LIMIT)}</robot>"
+            ),
             r"link 'l1' of 'm' reaches 1e\+300 m from its joint",
         ),
     ],
