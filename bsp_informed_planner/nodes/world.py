@@ -96,10 +96,12 @@ class World:
 
 
 class WorldTracker:
-    """Follows `scene`, `keypoint_graph` and `scene_status`.
+    """Follows `scene`, `keypoint_graph` and `scene_verdict`, which is `scene_status` before clients hear it.
 
     The status says which epoch is in force. A scene of another one is not trusted: its owner has been restarted since,
-    and does not know it. What plans need of a scene is made when it comes, in a thread, so that the first request finds
+    and does not know it. Nor is one that is older than the status says: whoever has read that status believes in the
+    newer scene. So all that has come is read before a world is handed out, and a scene that the status tells of is waited
+    for. What plans need of a scene is made when it comes, in a thread, so that the first request finds
     it there; of scenes that come faster than that, the newest.
 
     Args:
@@ -128,8 +130,9 @@ class WorldTracker:
         self._head_start = head_start
         self._worker = NewestFirstWorker(self._prepare, "world", pause=PREPARATION_PERIOD, delay=PREPARATION_DELAY)
         self._messages = OwnThread(node, "scene")
+        # The status first: of a scene that it tells of, the message has come before.
+        self._statuses = self._messages.subscribe(SceneStatus, "scene_verdict", self._on_status, LATCHED)
         self._scenes = self._messages.subscribe(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True)
-        self._messages.subscribe(SceneStatus, "scene_status", self._on_status, LATCHED)
         self._messages.subscribe(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
 
     def close(self) -> None:
@@ -197,16 +200,16 @@ class WorldTracker:
         wait_seconds: float = 0.0,
         cancelled: Callable[[], bool] | None = None,
     ) -> World:
-        """The world now.
+        """The world now, as of all messages that have come.
 
         Args:
-            epoch, revision: that the scene must have; 0: any.
+            epoch, revision: that the scene must have; 0: any that is as new as the status says.
             wait_seconds: how long to wait for a scene that is to come [s]; not for callbacks of the executor.
             cancelled: asked while waiting.
 
         Raises:
             RobotDescriptionError, RobotNotReadyError: no robot is known yet, or it is being prepared.
-            SceneUnavailableError: no scene has arrived yet, or the node that owns it is gone.
+            SceneUnavailableError: no scene has arrived yet, or not the newest, or the node that owns it is gone.
             SceneRefusedError: the newest scene message was refused.
             SceneEpochError, SceneRevisionError: another scene is in force.
             EmptySceneError: the scene has no obstacles.
@@ -214,8 +217,8 @@ class WorldTracker:
             PlanningCancelledError: cancelled while waiting.
         """
         _ = self.robot
-        if (epoch, revision) > (0, 0):
-            self._wait_for(epoch, revision, wait_seconds, cancelled)
+        self._messages.catch_up(self._statuses, self._scenes)
+        self._wait_for(epoch, revision, wait_seconds, cancelled)
         with self._lock:
             robot = self.robot
             is_behind = epoch in (0, self.epoch) and self.revision < revision and not self._is_unreadable
@@ -223,6 +226,8 @@ class WorldTracker:
                 # What is known of an older scene, that it was refused for example, does not matter.
                 raise SceneRevisionError(revision, self.revision)
             scene = self._trusted_scene(epoch)
+            if not revision and self._is_announced:
+                raise SceneUnavailableError(f"scene {self._announced} is in force, but has not come to this node yet")
             if revision not in (0, scene.revision):
                 raise SceneRevisionError(revision, scene.revision)
             if scene.is_empty and not self.allow_empty_scene:
@@ -291,7 +296,8 @@ class WorldTracker:
         with self._lock:
             # A greater epoch is newer: one that is over does not come back.
             while not self._is_unreadable and (
-                self.epoch < epoch or (epoch in (0, self.epoch) and self.revision < revision)
+                self.epoch < epoch
+                or (epoch in (0, self.epoch) and (self.revision < revision if revision else self._is_announced))
             ):
                 remaining = end - time.monotonic()
                 if remaining <= 0.0:
@@ -309,6 +315,17 @@ class WorldTracker:
         if status.error_code != ErrorCode.SUCCESS:
             return str(status.message)
         return self._unreadable[1] if self._is_unreadable else ""
+
+    @property
+    def _announced(self) -> int:
+        """Revision that the status tells of; 0: of none."""
+        return 0 if self._status is None else int(self._status.revision)
+
+    @property
+    def _is_announced(self) -> bool:
+        """Whether the status tells of a newer scene than has come, and of nothing that is to be said instead."""
+        known = self._scene[1].revision if self._scene is not None and self._scene[0] == self.epoch else 0
+        return known < self._announced and not self._refusal
 
     @property
     def _is_unreadable(self) -> bool:
