@@ -158,19 +158,18 @@ class RobotDescriptionError(RobotError):
 
 
 class RobotNotReadyError(RobotError):
-    """The collision bounds of a robot are still being built, which is done once for each description.
+    """The collision bounds of a robot are still being built, once for each description, and for what it holds.
 
     Attributes:
-        robot: its name.
-        share: of the work that is done, in [0, 1].
+        robot: its name, and what it holds.
+        share: of the work that is done, in [0, 1]; None: it is not known.
     """
 
-    def __init__(self, robot: str, share: float) -> None:
+    def __init__(self, robot: str, share: float | None = None) -> None:
         self.robot = robot
         self.share = share
-        super().__init__(
-            f"the collision bounds of robot '{robot}' are being built, {100.0 * share:.0f} % are done; ask again soon"
-        )
+        done = "" if share is None else f", {100.0 * share:.0f} % are done"
+        super().__init__(f"the collision bounds of robot '{robot}' are being built{done}; ask again soon")
 
 
 class UnsupportedJointError(RobotError):

@@ -26,7 +26,7 @@ from bsp_informed_planner.nodes.world import WorldTracker
 from bsp_informed_planner.robots.point import PointRobot
 
 #: Scenes that plans are asked for at once; more show more: `SCENES=1000 pytest test/test_newest_scene.py`.
-SCENES = int(os.environ.get("SCENES", "60"))
+SCENES = int(os.environ.get("SCENES", "40"))
 EPOCH = 1000
 
 
@@ -70,12 +70,12 @@ def test_a_scene_that_the_status_tells_of_is_waited_for(node: Node) -> None:
         owner.publish_status(2)
         until(lambda: tracker._announced == 2)
         with pytest.raises(SceneUnavailableError, match="scene 2 is in force, but has not come"):
-            tracker.current(wait_seconds=0.05)
+            tracker.situation(wait_seconds=0.05)
         # One that is asked for by its number is another matter.
         assert tracker.current(EPOCH, 1).revision == 1
         sender = threading.Timer(0.2, owner.publish_scene, (2,))
         sender.start()
-        assert tracker.current(wait_seconds=PATIENCE).revision == 2
+        assert tracker.situation(wait_seconds=PATIENCE).scene.revision == 2
         sender.join()
         # A scene may come before its status: it is in force all the same.
         owner.publish_scene(3)

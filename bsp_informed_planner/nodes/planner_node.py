@@ -292,15 +292,24 @@ class PlannerNode(PlannerSuiteNode):
             self.require_active()
             if cancelled():
                 raise PlanningCancelledError
-            world = self._world.current(
+            situation = self._world.situation(
                 int(request.scene_epoch), int(request.scene_revision), SCENE_PATIENCE, cancelled
             )
-            world = world.changed(changes_from_msg(request))
-            problem = problem_from_msg(request, world.robot, self._joints.recent())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
+            begin = time.monotonic()
+            end = begin + options.allowed_seconds
+            world = self._world.make(situation, options.allowed_seconds, cancelled)
+            world = world.changed(
+                changes_from_msg(request), lambda robot: self._world.bounds_of(robot, end - time.monotonic(), cancelled)
+            )
+            problem = problem_from_msg(request, world.robot, self._joints.recent())
             if not self._settings.use_inference:
                 world.planner.load_guide(options.sampler_id)
-            plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
+            # What the robot holds is worked on, if it is new, in the time of the plan.
+            spent = time.monotonic() - begin
+            plan = world.planner.prepare(
+                problem, options, cancelled=cancelled, on_progress=on_progress, spent_seconds=spent
+            )
             # Guidance is asked for only if a short search without any finds no path.
             result = world.planner.solve(plan, lambda: self._guidance(world, plan, cancelled))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer

@@ -236,8 +236,13 @@ class Planner:
         *,
         cancelled: Callable[[], bool] | None = None,
         on_progress: Callable[[Progress], None] | None = None,
+        spent_seconds: float = 0.0,
     ) -> PreparedPlan:
         """The first part of `plan`, for callers that get guidance from elsewhere: its time starts to run here.
+
+        Args:
+            problem, options, cancelled, on_progress: see `plan`.
+            spent_seconds: of the time allowed, before this call, e.g. on this planner [s].
 
         Raises:
             UnknownPlannerError, UnknownSamplerError, ProblemError, PlanningCancelledError: see `plan`.
@@ -250,7 +255,7 @@ class Planner:
         seed = secrets.randbits(32) if options.seed is None else options.seed
         reserve = min(RESERVE_SHARE * options.allowed_seconds, RESERVE_SECONDS)
         work = WORK if self.robot.revolute.any() else SLIDING_WORK
-        budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled, work)
+        budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled, work, spent_seconds)
         search = Search(self.robot, options, budget, seed, on_progress)
         search.report("validating")
         judges = tuple(
