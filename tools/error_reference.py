@@ -31,7 +31,8 @@ ADVICE: dict[type[errors.BspPlannerError], str] = {
     errors.StateOutsideLimitsError: "Compare with the limits of the URDF; `bsp-planner robot check` lists them.",
     errors.StateInCollisionError: (
         "Look at the two bodies that are named. Two links: the SRDF lacks the pair (`bsp-planner robot check`). An "
-        "obstacle that is to be touched or held: `allowed_collisions` or `attached`."
+        "obstacle that is to be touched or held: `allowed_collisions` or `attached`. Too close for the padding, though "
+        "nothing touches: ask for less `padding`."
     ),
     errors.UnreachablePoseError: (
         "Is the pose given for the right frame (`goal_frame`), and in the root frame? Is it within reach, with that "
