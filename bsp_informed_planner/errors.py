@@ -585,6 +585,10 @@ class ModelMismatchError(BspPlannerError):
         super().__init__(f"model '{model}': {what}: its card has {found}, expected {expected}")
 
 
+#: What the text of the next one begins with, by which it is known where only texts arrive.
+NO_MODEL = "no model of kind"
+
+
 class ModelUnavailableError(BspPlannerError):
     """There is no model for a robot.
 
@@ -598,7 +602,7 @@ class ModelUnavailableError(BspPlannerError):
         self.kinds = tuple(kinds)
         self.folder = folder
         self.robot = robot
-        super().__init__(f"no model of kind {' or '.join(self.kinds)} for robot '{robot}' in {folder}")
+        super().__init__(f"{NO_MODEL} {' or '.join(self.kinds)} for robot '{robot}' in {folder}")
 
 
 class TrainingError(BspPlannerError):

@@ -44,7 +44,10 @@ ADVICE: dict[type[errors.BspPlannerError], str] = {
         "not count."
     ),
     errors.UnknownJointError: "Use the names that the message lists.",
-    errors.UnknownFrameError: "Scenes are given in the root frame of the robot, goals there or in any of its frames.",
+    errors.UnknownFrameError: (
+        "Scenes are given in the root frame of the robot, goals there or in any of its frames. A body is attached to a "
+        "link of the robot, which is the planner's to know: `scene_status` only repeats the name."
+    ),
     errors.UnknownPlannerError: "Take one of the ids that the message lists; empty is the default.",
     errors.UnknownSamplerError: "Take one of the ids that the message lists; empty is the default.",
     errors.UnsupportedRequestError: "Leave the named field empty: it asks for what this planner does not do.",

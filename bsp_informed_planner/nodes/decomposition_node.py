@@ -40,6 +40,17 @@ SCENE_FIRST = 0.005
 #: Between two lines of the log about scenes that are in force, and between two sets of markers [s].
 LOG_PERIOD = 1.0
 MARKER_PERIOD = 0.1
+#: Attached bodies that `scene_status` names.
+MOST_NAMED = 5
+
+
+def contents_of(scene: Scene) -> str:
+    """What is in a scene, e.g. "1 obstacle; attached: 'cup' to 'tool0'": who attaches sees what has arrived."""
+    count = len(scene.obstacles)
+    held = [f"'{body.id}' to '{body.link}'" for body in scene.attached.values()]
+    more = f" and {len(held) - MOST_NAMED} more" if held[MOST_NAMED:] else ""
+    attached = f"; {len(held)} attached: {', '.join(held[:MOST_NAMED])}{more}" if held else ""
+    return f"{count} obstacle{'' if count == 1 else 's'}{attached}"
 
 
 def _superseding(dropped: tuple[Scene, Time], newer: tuple[Scene, Time]) -> tuple[Scene, Time]:
@@ -177,7 +188,7 @@ class DecompositionNode(PlannerSuiteNode):
         warning = outside_warning(scene)
         if warning:
             self.get_logger().warning(warning)
-        said = f"{len(scene.obstacles)} obstacles" + (f"; warning: {warning}" if warning else "")
+        said = contents_of(scene) + (f"; warning: {warning}" if warning else "")
         with self._telling:
             self._refusals.pop("decomposition", None)
             self._scene = scene
