@@ -101,7 +101,8 @@ class PairMotion:
         model, data = self._robot.model, self._model_data
         pin.computeJointJacobians(model, data, state)
         pin.updateGeometryPlacements(model, data, self._collision_model, self.data)
-        self._jacobian[:] = data.J
+        # Pinocchio gives the matrix of a single joint as a vector.
+        self._jacobian[:] = data.J.reshape(self._jacobian.shape)
         for body in self._moving if len(pairs) > len(self._moving) else self.movers_of(pairs):
             self._rotations[body], self._translations[body] = self._views[body]
         found = near_pairs(
