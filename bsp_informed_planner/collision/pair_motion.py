@@ -52,7 +52,8 @@ class PairMotion:
         self._levers = np.zeros((total, robot.dof))
         self._levers[:own] = robot.motion_levers
         self._boxes = np.array([_box(item.geometry) for item in collision_model.geometryObjects]).reshape(-1, 2, 3)
-        self._moving = np.flatnonzero(carried.any(axis=1)).tolist()
+        self._is_moving = carried.any(axis=1)
+        self._moving = np.flatnonzero(self._is_moving).tolist()
         self._create_scratch()
         pin.updateGeometryPlacements(
             robot.model, self._model_data, collision_model, self.data, pin.neutral(robot.model)
@@ -109,6 +110,7 @@ class PairMotion:
             pairs,
             self._bodies,
             self._movers,
+            self._is_moving,
             self._paddings,
             self._levers,
             self._boxes,
