@@ -13,8 +13,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-#: Added to margins, for the rounding of all that goes before [m].
-_ROUNDING = 1e-9
+#: Added to margins: coal's distances are right to 1e-6, and boxes of point clouds and states are rounded, too [m].
+TOLERANCE = 2e-6
 
 
 @kernel
@@ -145,7 +145,7 @@ def near_pairs(
                         # Without the test, nought times infinity.
                         if turned != 0.0:
                             reaches[body, axis] += abs(turned) * extents[body, other]
-        margin = paddings[pair] + _ROUNDING
+        margin = paddings[pair] + TOLERANCE
         for side in range(2):
             if not movers[pair, side].any():
                 continue
