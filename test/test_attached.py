@@ -26,7 +26,7 @@ from bsp_informed_planner.scene.attached import AttachmentOperation, CollisionPe
 from bsp_informed_planner.scene.diff import ObstacleOperation, SceneDiff, apply
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import AttachedObstacle, Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, HalfSpace, Sphere
+from bsp_informed_planner.scene.shapes import Box, HalfSpace, PointCloud, Sphere
 from bsp_informed_planner.scene.yaml_io import scene_from_yaml, scene_to_yaml
 
 BOUNDS = WorkspaceBounds(np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0]))
@@ -241,3 +241,24 @@ def test_holding_robots_are_robots(arm: Robot) -> None:
     again = pickle.loads(pickle.dumps(held))
     assert np.array_equal(again.motion_radii, held.motion_radii)
     assert again.frames == held.frames
+
+
+def test_a_cloud_that_is_held_meets_half_spaces_and_clouds() -> None:
+    rng = np.random.default_rng(0)
+    robot = PointRobot(lower=(-1.0, -1.0), upper=(1.0, 1.0))
+    for _ in range(20):
+        pose = Pose.from_xyz_rpy(rng.uniform(-0.2, 0.2, 3), rng.uniform(-3.0, 3.0, 3))
+        points = rng.normal(0.0, 0.05, (3, 3))
+        held = AttachedObstacle(Obstacle.of("cloud", PointCloud(points, 0.03), pose), "point")
+        wall = HalfSpace(np.append(rng.normal(size=2), 0.0), 0.3)
+        crumb = Obstacle.of("crumb", PointCloud(np.array([[0.6, 0.6, 0.0]]), 0.03))
+        judge = ExactChecker(robot, holding(held, Obstacle.of("wall", wall), crumb))
+        cloud = PointCloud(points, 0.03)
+        steps = np.argwhere(np.ones((2, 2, 2))) * 1.0
+        corners = pose.apply(((cloud.voxels[:, None] + steps) * 0.03).reshape(-1, 3))
+        corners = np.append(corners, np.zeros((1, 3)), axis=0)
+        for place in rng.uniform(-1.0, 1.0, (20, 2)):
+            places = corners + np.append(place, 0.0)
+            depth = (places @ wall.normal).min() + wall.offset
+            if abs(depth) > 1e-5 and np.linalg.norm(places - [0.6, 0.6, 0.0], axis=1).min() > 0.15:
+                assert judge.is_free(place) == (depth > 0.0)
