@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from bsp_informed_planner.collision.geometry import shape_geometries
+from bsp_informed_planner.collision.solids import body_of
 from bsp_informed_planner.errors import InvalidObstacleError, UnknownFrameError
 from bsp_informed_planner.robots.motion_bound import LARGEST_REACH, motion_levers, motion_radii, reach_of
 from bsp_informed_planner.robots.robot import Robot
@@ -130,12 +131,7 @@ class HoldingRobot:
             for geometry, place in geometries:
                 name = f"{HELD}{body.id}/{self.collision_model.ngeoms}"
                 item = pin.GeometryObject(name, joint, frame, origin * _placement(pose) * place, geometry)
-                reach = reach_of(item)
-                if not reach <= LARGEST_REACH:
-                    text = (
-                        f"attached, it reaches {reach:.3g} m from its joint: at most {LARGEST_REACH:g} m are expected"
-                    )
-                    raise InvalidObstacleError(body.id, text)
+                _require_bounded(item, body.id)
                 index = self.collision_model.addGeometryObject(item)
                 self._add_pairs(int(index), joint, body.id, may_touch)
 
@@ -168,6 +164,18 @@ def _held_geometries(shape: Shape) -> list[tuple[coal.CollisionGeometry, pin.SE3
             (coal.Box(*size.tolist()), pin.SE3(np.eye(3), centre)) for size, centre in zip(sizes, centres, strict=True)
         ]
     return [(geometry, pin.SE3.Identity()) for geometry in shape_geometries(shape)]
+
+
+def _require_bounded(item: pin.GeometryObject, name: str) -> None:
+    """Refuse what the bounds of a robot cannot be made for."""
+    reach = reach_of(item)
+    if not reach <= LARGEST_REACH:
+        text = f"attached, it reaches {reach:.3g} m from its joint: at most {LARGEST_REACH:g} m are expected"
+        raise InvalidObstacleError(name, text)
+    try:
+        body_of(item, LARGEST_REACH)
+    except ValueError as error:
+        raise InvalidObstacleError(name, str(error)) from error
 
 
 def _placement(pose: Pose) -> pin.SE3:
