@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 from bsp_informed_planner.collision.bounded import BoundedChecker
-from bsp_informed_planner.collision.bounds import bounds_of
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.holding import HoldingRobot, robot_in_scene
 from bsp_informed_planner.collision.verdict_calls_kernels import FREE
 from bsp_informed_planner.errors import (
     InvalidObstacleError,
-    RobotDescriptionError,
     SamplesExhaustedError,
     UnknownFrameError,
     UnknownObstacleError,
@@ -30,7 +28,7 @@ from bsp_informed_planner.scene.attached import AttachmentOperation, CollisionPe
 from bsp_informed_planner.scene.diff import ObstacleOperation, SceneDiff, apply
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import AttachedObstacle, Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box, Cone, Cylinder, HalfSpace, Sphere
+from bsp_informed_planner.scene.shapes import Box, Cone, Cylinder, HalfSpace, PointCloud, Sphere
 from bsp_informed_planner.scene.yaml_io import scene_from_yaml, scene_to_yaml
 
 BOUNDS = WorkspaceBounds(np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0]))
@@ -227,16 +225,16 @@ def test_what_cannot_be_attached_is_named(arm: Robot) -> None:
 def test_bodies_of_any_size_are_bounded_or_refused(shape: type, size: float) -> None:
     body = shape(np.full(3, size)) if shape is Box else shape(size) if shape is Sphere else shape(size, size)
     scene = replace(Scene.of([], BOUNDS), attached={"it": AttachedObstacle(Obstacle.of("it", body), "point")})
-    too_large, too_thin = size > 1e3, size < 1e-100 and shape in (Cylinder, Cone)
-    if too_large:
-        with pytest.raises(InvalidObstacleError, match="'it': attached, it reaches"):
+    reason = ""
+    if size > 1e3:
+        reason = "attached, it reaches"
+    elif size < 1e-100 and shape in (Cylinder, Cone):
+        reason = "the hull of .* has no volume"
+    if reason:
+        with pytest.raises(InvalidObstacleError, match=f"'it': {reason}"):
             robot_in_scene(PointRobot(), scene)
         return
     robot = robot_in_scene(PointRobot(), scene)
-    if too_thin:
-        with pytest.raises(RobotDescriptionError, match=r"attached/it/1.*no volume"):
-            bounds_of(robot)
-        return
     state = np.array([[0.5, 0.5]])
     for gap in (-0.02, 0.02, 0.5 + size):
         cube = Obstacle.of("cube", Box(np.full(3, 0.1)), Pose.from_xyz_rpy([0.55 + 0.5 * size + gap, 0.5, 0.0]))
@@ -269,3 +267,30 @@ def test_holding_robots_are_robots(arm: Robot) -> None:
     again = pickle.loads(pickle.dumps(held))
     assert np.array_equal(again.motion_radii, held.motion_radii)
     assert again.frames == held.frames
+
+
+def test_a_cloud_that_is_held_keeps_margins_from_half_spaces() -> None:
+    rng = np.random.default_rng(0)
+    robot = PointRobot(lower=(-1.0, -1.0), upper=(1.0, 1.0))
+    checked = 0
+    for _ in range(20):
+        pose = Pose.from_xyz_rpy(rng.uniform(-0.2, 0.2, 3), rng.uniform(-3.0, 3.0, 3))
+        cloud = PointCloud(rng.normal(0.0, 0.05, (3, 3)), 0.03)
+        held = AttachedObstacle(Obstacle.of("cloud", cloud, pose), "point")
+        # A normal along an axis, in a frame that is turned.
+        plane = Pose.from_xyz_rpy(rng.uniform(-0.3, 0.3, 3), rng.uniform(-3.0, 3.0, 3))
+        wall = Obstacle.of("wall", HalfSpace(np.array([0.0, 0.0, 1.0]), 0.0), plane)
+        scene = holding(held, wall, allowed=(frozenset({"point", "wall"}),))
+        motion = ExactChecker(robot, scene).pair_motion
+        voxels = cloud.voxels[:, None] + np.argwhere(np.ones((2, 2, 2)))
+        corners = pose.apply((voxels * cloud.resolution).reshape(-1, 3))
+        pairs = np.arange(len(motion))
+        for place in rng.uniform(-1.0, 1.0, (30, 2)):
+            distance = float(plane.inverse().apply(corners + np.append(place, 0.0))[:, 2].min())
+            half = float(rng.choice([1e-4, 0.01, 0.1]))
+            near = motion.near(pairs, place, np.array([1.0, 0.0]), half)
+            checked += distance < half
+            # Moved by so much along x, it may touch the wall.
+            if distance < half - 1e-5:
+                assert not all(motion.keeps(pair) for pair in near)
+    assert checked > 100

@@ -6,11 +6,12 @@ import pytest
 from bsp_informed_planner.collision.certifier import EdgeCertifier, Verdict
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.errors import InvalidOptionError
+from bsp_informed_planner.robots.arm import load_arm
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box
+from bsp_informed_planner.scene.shapes import Box, Sphere
 from bsp_informed_planner.scene.shelf import random_shelf
 
 BOUNDS = WorkspaceBounds(np.array([0.0, 0.0, -0.05]), np.array([1.0, 1.0, 0.05]))
@@ -72,6 +73,36 @@ def test_certified_edges_of_an_arm_are_free_however_densely_checked() -> None:
     assert counts[Verdict.CERTIFIED] > 30
     assert counts[Verdict.COLLIDING] > 10
     assert counts[Verdict.CHECKED] < 0.05 * counts[Verdict.CERTIFIED]
+
+
+def test_no_proof_hangs_on_less_than_the_tolerance_of_distances() -> None:
+    # A joint turns two balls together, a micrometre apart: coal may call that a contact in one state or another.
+    ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    limit = '<axis xyz="1 0 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/>'
+    balls = load_arm(
+        f'<robot name="balls"><link name="foot"/><link name="first">{ball}</link><link name="between"/>'
+        f'<link name="second">{ball}</link>'
+        f'<joint name="turn" type="revolute"><parent link="foot"/><child link="first"/>{limit}</joint>'
+        f'<joint name="twist" type="revolute"><parent link="first"/><child link="between"/>{limit}</joint>'
+        f'<joint name="slide" type="prismatic"><parent link="between"/><child link="second"/>{limit}</joint></robot>'
+    )
+    proof = EdgeCertifier(ExactChecker(balls, Scene.of([], BOUNDS, balls.root_frame)), FINEST)
+    for gap, verdict in ((-1e-5, Verdict.COLLIDING), (1e-6, Verdict.CHECKED), (1e-5, Verdict.CERTIFIED)):
+        assert proof.certify(np.array([0.0, 0.0, 0.2 + gap]), np.array([1.0, 0.0, 0.2 + gap])) is verdict
+
+
+def test_a_robot_of_one_joint() -> None:
+    # A rod that turns about the y axis of its foot, and a ball that it meets at a right angle.
+    rod = load_arm(
+        '<robot name="rod"><link name="foot"/><link name="rod"><collision><origin xyz="0 0 0.3"/>'
+        '<geometry><box size="0.05 0.05 0.4"/></geometry></collision></link>'
+        '<joint name="turn" type="revolute"><parent link="foot"/><child link="rod"/><axis xyz="0 1 0"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>'
+    )
+    ball = Obstacle.of("ball", Sphere(0.05), Pose.from_xyz_rpy([0.4, 0.0, 0.0]))
+    proof = EdgeCertifier(ExactChecker(rod, Scene.of([ball], BOUNDS, rod.root_frame)), FINEST)
+    assert proof.certify(np.array([-1.0]), np.array([1.3])) is Verdict.CERTIFIED
+    assert proof.certify(np.array([1.0]), np.array([1.9])) is Verdict.COLLIDING
 
 
 def test_intervals_must_have_a_length() -> None:

@@ -10,7 +10,9 @@ import pytest
 
 from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.collision.geometry import create_geometry_data
+from bsp_informed_planner.robots.arm import ArmRobot, load_arm
 from bsp_informed_planner.robots.demo_arms import panda, tiago, ur5
+from bsp_informed_planner.robots.motion_bound import bounding_points
 from bsp_informed_planner.robots.point import PointRobot
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray, Pose
@@ -72,12 +74,12 @@ def test_distances_shrink_no_faster(make: Callable[[], Robot]) -> None:
                 assert distance >= padding + bounds[pair] - 1e-6
                 culled += pair not in near
             else:
-                assert distance <= padding + bounds[pair] + 1e-6
+                assert distance <= motion.margins[pair] + 1e-6
             assert (pair in touches) == (distance <= padding) or abs(distance - padding) < 1e-6
         for share in (-1.0, rng.uniform(-1.0, 1.0), 1.0):
             nearer = before - distances(middle + share * half * steps, pairs)
             assert (nearer <= bounds[pairs] + 1e-7).all()
-            apart = before > bounds[pairs]
+            apart = (before > bounds[pairs]) & (bounds[pairs] > 0.0)
             if half < 0.02 and apart.any():
                 tightest = max(tightest, float((nearer[apart] / bounds[pairs][apart]).max()))
     assert culled > 100 or len(every) < 5
@@ -97,3 +99,76 @@ def test_joints_that_move_both_do_not_count() -> None:
     assert moved == [first in fixed or second in fixed for first, second in pairs]
     assert any(moved)
     assert not all(moved)
+
+
+def random_tree(rng: np.random.Generator) -> ArmRobot:
+    """Boxes on joints of all kinds, some of which branch off."""
+
+    def numbers(*values: float) -> str:
+        return " ".join(str(value) for value in values)
+
+    count = int(rng.integers(1, 9))
+    links, joints = "", ""
+    for index in range(count + 1):
+        origin = f'<origin xyz="{numbers(*rng.normal(0.0, 0.2, 3))}" rpy="{numbers(*rng.uniform(-3.0, 3.0, 3))}"/>'
+        size = numbers(*10.0 ** rng.uniform(-3.0, 0.0, 3))
+        links += (
+            f'<link name="l{index}"><collision>{origin}<geometry><box size="{size}"/></geometry></collision></link>'
+        )
+    for child in range(1, count + 1):
+        parent = child - 1 if rng.random() < 0.7 else int(rng.integers(child))
+        kind = str(rng.choice(["revolute", "continuous", "prismatic"]))
+        lower = float(rng.uniform(-1.0, 0.5))
+        joints += (
+            f'<joint name="j{child}" type="{kind}"><parent link="l{parent}"/><child link="l{child}"/>'
+            f'<origin xyz="{numbers(*rng.normal(0.0, 0.3, 3))}" rpy="{numbers(*rng.uniform(-3.0, 3.0, 3))}"/>'
+            f'<axis xyz="{numbers(*rng.normal(size=3))}"/>'
+            f'<limit lower="{lower}" upper="{lower + float(rng.uniform(0.1, 2.0))}" effort="1" velocity="1"/></joint>'
+        )
+    return load_arm(f'<robot name="tree">{links}{joints}</robot>')
+
+
+def test_points_move_no_further_on_trees_of_joints() -> None:
+    """Of both bodies of a pair, seen from the last joint that carries both, in intervals of up to some full turns."""
+    rng = np.random.default_rng(1)
+    compared, tightest = 0, 0.0
+    for _ in range(60):
+        robot = random_tree(rng)
+        model, items = robot.model, robot.collision_model.geometryObjects
+        motion = ExactChecker(robot, Scene.of([], WIDE, robot.root_frame)).pair_motion.clone()
+        carriers = [int(item.parentJoint) for item in items]
+        # All corners of the boxes in the frames of their joints.
+        corners = [
+            bounding_points(item.geometry)[0] @ item.placement.rotation.T + item.placement.translation for item in items
+        ]
+        bodies = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
+        common = [max(set(model.supports[carriers[a]]) & set(model.supports[carriers[b]])) for a, b in bodies]
+        data = model.createData()
+
+        def places(configuration: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+            pin.forwardKinematics(model, data, configuration)  # noqa: B023
+            found = []
+            for pair, frame in zip(bodies, common, strict=True):  # noqa: B023
+                seen = [data.oMi[frame].actInv(data.oMi[carriers[body]]) for body in pair]  # noqa: B023
+                first, second = (
+                    corners[body] @ place.rotation.T + place.translation  # noqa: B023
+                    for body, place in zip(pair, seen, strict=True)
+                )
+                found.append((first, second))
+            return found
+
+        for _ in range(6):
+            start, end = rng.uniform(robot.lower, robot.upper, (2, robot.dof))
+            steps = (end - start) * 10.0 ** rng.uniform(-3.0, 0.0) * (rng.random(robot.dof) < 0.7)
+            motion.near(np.arange(len(motion)), start + 0.5 * steps, steps, 0.5)
+            before = places(start + 0.5 * steps)
+            for share in (0.0, *rng.random(3), 1.0):
+                for pair, (then, now) in enumerate(zip(before, places(start + share * steps), strict=True)):
+                    moved = [np.linalg.norm(b - a, axis=1).max() for a, b in zip(then, now, strict=True)]
+                    bound = motion.motion(pair)
+                    assert sum(moved) <= bound + 1e-12
+                    compared += 1
+                    if bound > 1e-6:
+                        tightest = max(tightest, sum(moved) / bound)
+    assert compared > 10_000
+    assert tightest > 0.99

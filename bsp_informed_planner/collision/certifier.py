@@ -83,7 +83,7 @@ class EdgeCertifier:
         """The verdict on the straight edge from start to end, both (n,) and finite.
 
         Args:
-            start, end: (n,).
+            start, end: (n,), within the limits of joints that slide: bounds of motions hold there.
             goes_on: asked before each state is looked at; False ends the work, with COLLIDING.
             parts: (k, 2) intervals in [0, 1] to look at, the rest being known to be free; None: all of it.
         """

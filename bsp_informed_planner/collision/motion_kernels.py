@@ -13,8 +13,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-#: Added to margins, for the rounding of all that goes before [m].
-_ROUNDING = 1e-9
+#: Added to margins: coal's distances are right to 1e-6, and boxes of point clouds and states are rounded, too [m].
+TOLERANCE = 2e-6
 
 
 @kernel
@@ -93,6 +93,7 @@ def near_pairs(
     pairs: Indices,
     bodies: Indices,
     movers: Flags,
+    moving: Flags,
     paddings: Floats,
     levers: Floats,
     boxes: Floats,
@@ -109,6 +110,7 @@ def near_pairs(
         pairs: (k,) numbers of pairs.
         bodies: (p, 2) geometries of each pair.
         movers: (p, 2, n) joints that move one of them and not the other one.
+        moving: (g,) which geometries move at all.
         paddings: (p,) distance that a pair has to keep [m].
         levers: (g, n) distances of geometries from axes at most, see `Robot.motion_levers`.
         boxes: (g, 2, 3) middle and half edges of each geometry's box in its own frame [m]; edges may be infinite.
@@ -127,6 +129,8 @@ def near_pairs(
     extents = boxes[:, 1]
     placed = np.zeros(len(rotations), dtype=np.bool_)
     reaches = np.empty((len(rotations), 3))
+    # How far bodies move against all that stand still; negative where it is not known yet.
+    alone = np.full(len(rotations), -1.0)
     for pair in pairs:
         for side in range(2):
             body = bodies[pair, side]
@@ -141,11 +145,14 @@ def near_pairs(
                         # Without the test, nought times infinity.
                         if turned != 0.0:
                             reaches[body, axis] += abs(turned) * extents[body, other]
-        margin = paddings[pair] + _ROUNDING
+        margin = paddings[pair] + TOLERANCE
         for side in range(2):
-            if movers[pair, side].any():
-                body = bodies[pair, side]
-                margin += _motion(
+            if not movers[pair, side].any():
+                continue
+            body, against_fixed = bodies[pair, side], not moving[bodies[pair, 1 - side]]
+            motion = alone[body]
+            if motion < 0.0 or not against_fixed:
+                motion = _motion(
                     movers[pair, side],
                     levers[body],
                     steps,
@@ -155,6 +162,9 @@ def near_pairs(
                     rotations[body],
                     extents[body],
                 )
+                if against_fixed:
+                    alone[body] = motion
+            margin += motion
         margins[pair] = margin
         first, second = bodies[pair, 0], bodies[pair, 1]
         gap = 0.0

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from bsp_informed_planner.collision.geometry import create_geometry_data
-from bsp_informed_planner.collision.motion_kernels import near_pairs
+from bsp_informed_planner.collision.motion_kernels import TOLERANCE, near_pairs
 from bsp_informed_planner.robots.motion_bound import bounding_points
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.scene.pose import FloatArray
@@ -52,7 +52,8 @@ class PairMotion:
         self._levers = np.zeros((total, robot.dof))
         self._levers[:own] = robot.motion_levers
         self._boxes = np.array([_box(item.geometry) for item in collision_model.geometryObjects]).reshape(-1, 2, 3)
-        self._moving = np.flatnonzero(carried.any(axis=1)).tolist()
+        self._is_moving: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
+        self._moving = np.flatnonzero(self._is_moving).tolist()
         self._create_scratch()
         pin.updateGeometryPlacements(
             robot.model, self._model_data, collision_model, self.data, pin.neutral(robot.model)
@@ -101,13 +102,15 @@ class PairMotion:
         model, data = self._robot.model, self._model_data
         pin.computeJointJacobians(model, data, state)
         pin.updateGeometryPlacements(model, data, self._collision_model, self.data)
-        self._jacobian[:] = data.J
+        # Pinocchio gives the matrix of a single joint as a vector.
+        self._jacobian[:] = data.J.reshape(self._jacobian.shape)
         for body in self._moving if len(pairs) > len(self._moving) else self.movers_of(pairs):
             self._rotations[body], self._translations[body] = self._views[body]
         found = near_pairs(
             pairs,
             self._bodies,
             self._movers,
+            self._is_moving,
             self._paddings,
             self._levers,
             self._boxes,
@@ -122,7 +125,7 @@ class PairMotion:
 
     def motion(self, pair: int) -> float:
         """How far its bodies come nearer to each other in the interval, at most [m]."""
-        return float(self.margins[pair] - self._paddings[pair])
+        return float(self.margins[pair] - self._paddings[pair]) - TOLERANCE
 
     def keeps(self, pair: int) -> bool:
         """Whether a pair keeps its margin in the state that was looked at last."""

@@ -164,10 +164,11 @@ def joint_axes(model: pin.Model) -> tuple[FloatArray, np.ndarray]:
 
 
 def reach_of(item: pin.GeometryObject) -> float:
-    """How far at most a geometry reaches from the origin of the joint that carries it [m]; NaN where it overflows."""
+    """How far at most a geometry reaches from the origin of its joint [m]; infinite where that overflows."""
     points, margin = bounding_points(item.geometry)
     placed = points @ item.placement.rotation.T + item.placement.translation
-    return float(np.linalg.norm(placed, axis=1).max(initial=0.0)) + margin
+    with np.errstate(over="ignore"):
+        return float(np.linalg.norm(placed, axis=1).max(initial=0.0)) + margin
 
 
 def bounding_points(geometry: coal.CollisionGeometry) -> tuple[FloatArray, float]:

@@ -76,7 +76,9 @@ def _pose(rng: np.random.Generator) -> PoseStamped:
 def _body(rng: np.random.Generator) -> AttachedObstacle:
     primitive = SolidPrimitive(type=int(rng.integers(7)), dimensions=[abs(_number(rng))] * int(rng.integers(4)))
     body = Obstacle(id=_text(rng), primitives=[primitive] * int(rng.integers(2)))
-    return AttachedObstacle(operation=bytes([int(rng.integers(4))]), obstacle=body, link_name=_text(rng))
+    # Mostly a link that there is, so that the body itself is looked at.
+    link = "point" if rng.random() < 0.7 else _text(rng)
+    return AttachedObstacle(operation=bytes([int(rng.integers(4))]), obstacle=body, link_name=link)
 
 
 _SPOILS: tuple[Callable[[PlanRequest, np.random.Generator], object], ...] = (
