@@ -158,19 +158,18 @@ class RobotDescriptionError(RobotError):
 
 
 class RobotNotReadyError(RobotError):
-    """The collision bounds of a robot are still being built, which is done once for each description.
+    """The collision bounds of a robot are still being built, once for each description, and for what it holds.
 
     Attributes:
-        robot: its name.
-        share: of the work that is done, in [0, 1].
+        robot: its name, and what it holds.
+        share: of the work that is done, in [0, 1]; None: it is not known.
     """
 
-    def __init__(self, robot: str, share: float) -> None:
+    def __init__(self, robot: str, share: float | None = None) -> None:
         self.robot = robot
         self.share = share
-        super().__init__(
-            f"the collision bounds of robot '{robot}' are being built, {100.0 * share:.0f} % are done; ask again soon"
-        )
+        done = "" if share is None else f", {100.0 * share:.0f} % are done"
+        super().__init__(f"the collision bounds of robot '{robot}' are being built{done}; ask again soon")
 
 
 class UnsupportedJointError(RobotError):
@@ -249,17 +248,24 @@ class StateOutsideLimitsError(ProblemError):
 
 
 class StateInCollisionError(ProblemError):
-    """A state is in collision.
+    """A state is in collision, or closer to an obstacle than the padding.
 
     Attributes:
         state: "start" or "goal".
-        bodies: the names of two bodies that touch: links of the robot, or obstacles.
+        bodies: the names of two bodies that touch, or are too close: links of the robot, or obstacles.
+        padding: that they do not keep, though they do not touch [m]; 0: they touch.
     """
 
-    def __init__(self, state: str, bodies: tuple[str, str]) -> None:
+    def __init__(self, state: str, bodies: tuple[str, str], padding: float = 0.0) -> None:
         self.state = state
         self.bodies = bodies
-        super().__init__(f"{state}: '{bodies[0]}' collides with '{bodies[1]}'")
+        self.padding = padding
+        first, second = bodies
+        super().__init__(
+            f"{state}: '{first}' comes closer to '{second}' than the padding of {padding:g} m"
+            if padding
+            else f"{state}: '{first}' collides with '{second}'"
+        )
 
 
 class UnreachablePoseError(ProblemError):
@@ -345,6 +351,29 @@ class UnknownParameterError(BspPlannerError):
         self.similar = tuple(similar)
         hint = f"; did you mean {' or '.join(self.similar)}?" if self.similar else ""
         super().__init__(f"{node} has no parameter '{name}'{hint}")
+
+
+class UnknownNodeError(BspPlannerError):
+    """A section of a ROS parameter file is for none of the nodes.
+
+    Attributes:
+        path: of the file.
+        section: name of a node, perhaps with wildcards.
+        known: names of the nodes, with their namespace.
+    """
+
+    def __init__(self, path: str, section: str, known: Sequence[str]) -> None:
+        self.path = path
+        self.section = section
+        self.known = tuple(known)
+        names = {name.rsplit("/", 1)[1]: name for name in self.known}
+        close = difflib.get_close_matches(section.rsplit("/", 1)[1], names, n=1)
+        meant = section.rsplit("/", 1)[0] + "/" + close[0] if close else ""
+        if close and meant == section:
+            # The name is right, and the namespace is not.
+            meant = names[close[0]]
+        hint = f" (did you mean '{meant}'?)" if meant else ""
+        super().__init__(f"{path}: section '{section}' is for none of the nodes {', '.join(self.known)}{hint}")
 
 
 class UnknownPlannerError(BspPlannerError):
@@ -556,6 +585,10 @@ class ModelMismatchError(BspPlannerError):
         super().__init__(f"model '{model}': {what}: its card has {found}, expected {expected}")
 
 
+#: What the text of the next one begins with, by which it is known where only texts arrive.
+NO_MODEL = "no model of kind"
+
+
 class ModelUnavailableError(BspPlannerError):
     """There is no model for a robot.
 
@@ -569,7 +602,7 @@ class ModelUnavailableError(BspPlannerError):
         self.kinds = tuple(kinds)
         self.folder = folder
         self.robot = robot
-        super().__init__(f"no model of kind {' or '.join(self.kinds)} for robot '{robot}' in {folder}")
+        super().__init__(f"{NO_MODEL} {' or '.join(self.kinds)} for robot '{robot}' in {folder}")
 
 
 class TrainingError(BspPlannerError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bsp_informed_planner_msgs.msg import PlanRequest
-from bsp_informed_planner_msgs.srv import EstimateKeypoints
+from bsp_informed_planner_msgs.srv import EstimateKeypoints, GetPlannerInfo
 from sensor_msgs.msg import JointState
 from suite import PATIENCE, Suite, gap_scene, point_request, running_suite, spin_until
 
@@ -101,7 +102,7 @@ def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> 
     with running_suite("point") as suite:
         suite.add(DecompositionNode)
         suite.add(InferenceNode, model_folder=str(tmp_path))
-        suite.add(PlannerNode)
+        planner = suite.add(PlannerNode)
         client = suite.client()
         client.wait_for_nodes(PATIENCE)
         client.publish_scene(gap_scene(0.8), PATIENCE)
@@ -113,6 +114,21 @@ def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> 
         assert response.error_code == ErrorCode.SUCCESS, response.message
         assert response.sampler_id == "keypoint_tube"
         assert "no model of kind path_chains or heatmap" in response.fallback_reason
+        # Now it is known, and not offered any more.
+        assert ("point", "learned") in planner._without_model
+        info = GetPlannerInfo.Response()
+        planner._on_get_planner_info(GetPlannerInfo.Request(), lambda made: setattr(info, "models", made.models))
+        assert "keypoint_tube" in info.models
+        assert "learned" not in info.models
+
+
+def test_a_default_model_that_is_not_there_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with running_suite("point") as suite, caplog.at_level(logging.WARNING):
+        suite.add(InferenceNode, model_folder=str(tmp_path), model="learned")
+        warned = [record.message for record in caplog.records if record.levelno == logging.WARNING]
+    assert any("learned: no model of kind" in text and "keypoints are exact" in text for text in warned)
+    # Of the others, which nobody asked for, nothing is said.
+    assert not any("gmm" in text for text in warned)
 
 
 def test_a_damaged_model_fails_the_transition_with_a_sentence(tmp_path: Path) -> None:

@@ -86,6 +86,20 @@ def test_an_attached_body_of_the_scene(client: SuiteClient) -> None:
     assert crossing(client)[0] == ErrorCode.SUCCESS
 
 
+def test_the_status_names_what_is_attached(client: SuiteClient) -> None:
+    change(client, attached=[disc(0.01)], obstacles=[Obstacle(id="lower", operation=Obstacle.REMOVE)])
+    assert client._status is not None
+    assert client._status.message == "1 obstacle; 1 attached: 'disc' to 'point'"
+    wrong = disc(0.01)
+    wrong.obstacle.id, wrong.link_name = "ring", "pointt"
+    change(client, attached=[wrong])
+    assert client._status.message == "1 obstacle; 2 attached: 'disc' to 'point', 'ring' to 'pointt'"
+    # The decomposition node knows no robot: it is the planner that says what link there is not.
+    code, message = crossing(client)
+    assert code == ErrorCode.FRAME_TRANSFORM_FAILURE
+    assert "did you mean 'point'" in message
+
+
 def test_an_attached_body_of_a_request(client: SuiteClient) -> None:
     assert crossing(client, max_samples=500, attached=[disc(0.06)])[0] == ErrorCode.PLANNING_FAILED
     # It was that request's alone.

@@ -39,7 +39,7 @@ from bsp_informed_planner.sampling.guidance import Guidance
 from bsp_informed_planner.scene.maze import random_maze
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
-from bsp_informed_planner.scene.shapes import Box
+from bsp_informed_planner.scene.shapes import Box, Sphere
 
 OWN_PLANNER_IDS = [planner_id for planner_id in PLANNER_IDS if planner_id not in OMPL_PLANNER_IDS]
 FIRST = PlanOptions(allowed_seconds=10.0, first_solution=True, seed=1)
@@ -104,7 +104,8 @@ def test_every_planner_and_sampler(planner_id: str, sampler_id: str) -> None:
     assert_verified(planner, result)
     assert result.planner_id == planner_id
     if result.guidance.sampler_id != sampler_id:
-        assert "before keypoints were needed" in result.guidance.fallback_reason
+        assert "before keypoints were needed" in result.guidance.remark
+        assert not result.guidance.fallback_reason
 
 
 @pytest.mark.parametrize("seed", [2, 5, 6])
@@ -344,6 +345,24 @@ def test_ill_posed_problems_are_named(arm: ArmRobot) -> None:
         Planner(arm, shelf_problem(arm, 2)[0].scene).plan(
             PlanningProblem(shelf_problem(arm, 2)[1].start, [PoseGoal(Pose.from_xyz_rpy([3.0, 0.0, 0.0]))])
         )
+
+
+def test_what_is_too_close_for_the_padding_is_not_said_to_collide() -> None:
+    ball = Obstacle.of("ball", Sphere(0.1), Pose.from_xyz_rpy([0.5, 0.5, 0.0]))
+    planner = Planner(PointRobot(), Scene.of([ball], WorkspaceBounds(np.array([0, 0, -0.05]), np.array([1, 1, 0.05]))))
+
+    def refusal(x: float, padding: float) -> StateInCollisionError:
+        problem = PlanningProblem(np.array([x, 0.5]), [JointGoal(np.array([0.9, 0.9]))])
+        with pytest.raises(StateInCollisionError) as caught:
+            planner.plan(problem, PlanOptions(padding=padding))
+        return caught.value
+
+    close = refusal(0.35, 0.2)
+    assert close.padding == 0.2
+    assert str(close) == "start: 'point' comes closer to 'ball' than the padding of 0.2 m"
+    for touching in (refusal(0.45, 0.2), refusal(0.45, 0.0)):
+        assert touching.padding == 0.0
+        assert "'point' collides with 'ball'" in str(touching)
 
 
 def test_goals_are_alternatives() -> None:

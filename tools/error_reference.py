@@ -31,7 +31,8 @@ ADVICE: dict[type[errors.BspPlannerError], str] = {
     errors.StateOutsideLimitsError: "Compare with the limits of the URDF; `bsp-planner robot check` lists them.",
     errors.StateInCollisionError: (
         "Look at the two bodies that are named. Two links: the SRDF lacks the pair (`bsp-planner robot check`). An "
-        "obstacle that is to be touched or held: `allowed_collisions` or `attached`."
+        "obstacle that is to be touched or held: `allowed_collisions` or `attached`. Too close for the padding, though "
+        "nothing touches: ask for less `padding`."
     ),
     errors.UnreachablePoseError: (
         "Is the pose given for the right frame (`goal_frame`), and in the root frame? Is it within reach, with that "
@@ -43,7 +44,10 @@ ADVICE: dict[type[errors.BspPlannerError], str] = {
         "not count."
     ),
     errors.UnknownJointError: "Use the names that the message lists.",
-    errors.UnknownFrameError: "Scenes are given in the root frame of the robot, goals there or in any of its frames.",
+    errors.UnknownFrameError: (
+        "Scenes are given in the root frame of the robot, goals there or in any of its frames. A body is attached to a "
+        "link of the robot, which is the planner's to know: `scene_status` only repeats the name."
+    ),
     errors.UnknownPlannerError: "Take one of the ids that the message lists; empty is the default.",
     errors.UnknownSamplerError: "Take one of the ids that the message lists; empty is the default.",
     errors.UnsupportedRequestError: "Leave the named field empty: it asks for what this planner does not do.",

@@ -9,7 +9,8 @@ from pathlib import Path
 import typer
 
 from bsp_informed_planner.cli.bounds_progress import build_bounds
-from bsp_informed_planner.cli.node_processes import NodeDiedError, NodeProcesses
+from bsp_informed_planner.cli.node_processes import NODE_NAMES, NodeDiedError, NodeProcesses
+from bsp_informed_planner.cli.parameter_files import require_known_nodes
 from bsp_informed_planner.cli.robots import RobotChoice, describe_robot, load_robot
 from bsp_informed_planner.compile_kernels import ensure_compiled
 from bsp_informed_planner.robots.robot import Robot
@@ -29,7 +30,14 @@ def suite_parameters(choice: RobotChoice, robot: Robot) -> dict[str, dict[str, o
 
 
 def run_nodes(choice: RobotChoice, namespace: str, params_file: Path | None, restart: bool) -> int:
-    """Run the three nodes until Ctrl-C, or until one of them ends for good. Returns the exit status."""
+    """Run the three nodes until Ctrl-C, or until one of them ends for good. Returns the exit status.
+
+    Raises:
+        UnknownNodeError: the parameter file has a section for none of them.
+    """
+    if params_file is not None:
+        # A file may serve the bridge, too, which is started apart.
+        require_known_nodes(params_file, (*NODE_NAMES, "moveit_bridge"), namespace)
     # Loaded here too: a description that cannot be used is better said at once than in the log of a node.
     robot = load_robot(choice)
     typer.echo(describe_robot(robot))

@@ -20,6 +20,7 @@ from bsp_informed_planner.planning.planner import Planner
 from bsp_informed_planner.planning.problem import Goal, JointGoal, PlanningProblem, PlanOptions, PlanResult, PoseGoal
 from bsp_informed_planner.robots.reference import load_reference
 from bsp_informed_planner.robots.robot import Robot
+from bsp_informed_planner.sampling.guide import SAMPLER_IDS
 from bsp_informed_planner.scene.outside import outside_warning
 
 
@@ -71,6 +72,8 @@ def run_plan(arguments: PlanArguments) -> int:
     planner = Planner(robot, scene, models=None if arguments.models is None else str(arguments.models))
     if warning := outside_warning(scene):
         typer.echo(f"warning: {warning}", err=True)
+    if options.sampler_id in SAMPLER_IDS and (reason := planner.load_guide(options.sampler_id)):
+        typer.echo(f"warning: {reason}; keypoints are exact", err=True)
     try:
         result = planner.plan(PlanningProblem(start, goals or loaded.goals), options)
     except BspPlannerError as error:
@@ -139,8 +142,9 @@ def _summary(result: PlanResult) -> str:
         f"sampler {result.guidance.sampler_id}, {keypoints} keypoints; first path in {first:.0f} ms of {total:.2f} s",
         f"{statistics.samples} samples, {statistics.edges_checked} edges, {checks} checks; seed {statistics.seed}",
     ]
-    if result.guidance.fallback_reason:
-        lines.append(f"guidance: {result.guidance.fallback_reason}")
+    said = result.guidance.fallback_reason or result.guidance.remark
+    if said:
+        lines.append(f"guidance: {said}")
     return "\n".join(lines)
 
 

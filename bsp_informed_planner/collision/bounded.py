@@ -207,6 +207,14 @@ class BoundedChecker:
             return None
         return self.judge.colliding_bodies(configuration)
 
+    def touching_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
+        """The names of two bodies that touch, not only come closer than the padding; None if there are none.
+
+        Raises:
+            ValueError: as `is_free`.
+        """
+        return self.judge.touching_bodies(self._checked(configuration))
+
     def _checked(self, configuration: FloatArray) -> FloatArray:
         values = np.ascontiguousarray(configuration, dtype=np.float64)
         if values.shape != (self.robot.dof,):

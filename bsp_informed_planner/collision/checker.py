@@ -45,6 +45,15 @@ class CollisionChecker(Protocol):
         """The names of two bodies that touch in a configuration; None if it is free."""
         ...
 
+    @property
+    def padding(self) -> float:
+        """Distance that links have to keep from obstacles [m]."""
+        ...
+
+    def touching_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
+        """The names of two bodies that touch, not only come closer than the padding; None if there are none."""
+        ...
+
     def clone(self) -> CollisionChecker:
         """One of the same scene and robot, for another thread."""
         ...

@@ -177,6 +177,16 @@ class ExactChecker:
         enclosed = self._enclosed.find(configuration)
         return None if enclosed is None else (self._bodies[enclosed[0]], self._bodies[enclosed[1]])
 
+    def touching_bodies(self, configuration: FloatArray) -> tuple[str, str] | None:
+        """The names of two bodies that touch, not only come closer than the padding; None if there are none.
+
+        Raises:
+            ValueError: as `is_free`.
+        """
+        bare = self.clone()
+        bare.padding = 0.0
+        return bare.colliding_bodies(configuration)
+
     def distance(self, configuration: FloatArray) -> float:
         """The smallest distance of all pairs [m], 0 in collision, infinite without pairs. Padding is not subtracted.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -39,6 +40,17 @@ SCENE_FIRST = 0.005
 #: Between two lines of the log about scenes that are in force, and between two sets of markers [s].
 LOG_PERIOD = 1.0
 MARKER_PERIOD = 0.1
+#: Attached bodies that `scene_status` names.
+MOST_NAMED = 5
+
+
+def contents_of(scene: Scene) -> str:
+    """What is in a scene, e.g. "1 obstacle; attached: 'cup' to 'tool0'": who attaches sees what has arrived."""
+    count = len(scene.obstacles)
+    held = [f"'{body.id}' to '{body.link}'" for body in scene.attached.values()]
+    more = f" and {len(held) - MOST_NAMED} more" if held[MOST_NAMED:] else ""
+    attached = f"; {len(held)} attached: {', '.join(held[:MOST_NAMED])}{more}" if held else ""
+    return f"{count} obstacle{'' if count == 1 else 's'}{attached}"
 
 
 def _superseding(dropped: tuple[Scene, Time], newer: tuple[Scene, Time]) -> tuple[Scene, Time]:
@@ -53,8 +65,9 @@ def _superseding(dropped: tuple[Scene, Time], newer: tuple[Scene, Time]) -> tupl
 class DecompositionNode(PlannerSuiteNode):
     """Makes `scene` and `keypoint_graph` of `obstacle_scene` and `obstacle_points`.
 
-    It publishes `scene_status` and `decomposition_markers` too; the four are latched. The `keypoint_graph` of a
-    revision follows its `scene`; a message that is refused changes neither, and `scene_status` says why. Every
+    It publishes `scene_status` and `decomposition_markers` too; they are latched. The `keypoint_graph` of a
+    revision follows its `scene`; a message that is refused changes neither, and `scene_status` says why. What it says
+    the other nodes are told first, as `scene_verdict`: who reads a status may count on it that they know. Every
     message counts, in order, but when scenes come faster than they are decomposed, only the newest is: revisions are
     skipped, never half published.
 
@@ -78,6 +91,8 @@ class DecompositionNode(PlannerSuiteNode):
         # Of each source whose last message was refused, the code and the reason.
         self._refusals: dict[str, tuple[ErrorCode, str]] = {}
         self._refused = 0
+        # So that no verdict is published after a newer one.
+        self._telling = threading.Lock()
         # Of the last message that had one: those without do not make a sender's stamp unheard of.
         self._stamp = Time()
         self._received = Meter()
@@ -86,6 +101,7 @@ class DecompositionNode(PlannerSuiteNode):
         self._seen: deque[tuple[int, int]] = deque(maxlen=128)
         self._scene_publisher = self._latched(ObstacleScene, "scene")
         self._graph_publisher = self._latched(KeypointGraph, "keypoint_graph")
+        self._verdict_publisher = self._latched(SceneStatus, "scene_verdict")
         self._status_publisher = self._latched(SceneStatus, "scene_status")
         self._marker_publisher = self._latched(MarkerArray, "decomposition_markers")
         # Whoever knows a scene of an earlier epoch is told that it is no longer in force.
@@ -165,16 +181,18 @@ class DecompositionNode(PlannerSuiteNode):
         except Exception as error:  # noqa: BLE001 -- the worker must go on
             self._refuse("decomposition", error, stamp)
             return
-        self._refusals.pop("decomposition", None)
         whole.header.stamp = stamp
         whole.epoch = self._epoch
-        self._scene = scene
+        # Before its status: who has read that may count on it that the others have the scene.
         self._scene_publisher.publish(whole)
         warning = outside_warning(scene)
         if warning:
             self.get_logger().warning(warning)
-        said = f"{len(scene.obstacles)} obstacles" + (f"; warning: {warning}" if warning else "")
-        self._publish_status(*self._verdict(said), stamp)
+        said = contents_of(scene) + (f"; warning: {warning}" if warning else "")
+        with self._telling:
+            self._refusals.pop("decomposition", None)
+            self._scene = scene
+            self._publish_status(*self._verdict(said), stamp)
         time.sleep(SCENE_FIRST)
         try:
             graph = graph_to_msg(decomposition, self._settings.publish_edges)
@@ -208,14 +226,17 @@ class DecompositionNode(PlannerSuiteNode):
         self.note_error(f"{source} refused: {error}")
         if not isinstance(error, BspPlannerError):
             logger.error("while reading a scene", exc_info=error)
-        self._refusals[source] = (error_code(error), str(error))
-        self._publish_status(error_code(error), str(error), stamp)
+        with self._telling:
+            self._refusals[source] = (error_code(error), str(error))
+            self._publish_status(error_code(error), str(error), stamp)
 
     def _publish_status(self, code: ErrorCode, text: str, stamp: Time) -> None:
         revision = 0 if self._scene is None else self._scene.revision
         status = SceneStatus(epoch=self._epoch, revision=revision, error_code=int(code), message=text)
         status.header.stamp = stamp
         status.header.frame_id = self._settings.frame_id
+        # One after the other: within one message to many, a client may be served, and ask, before a node is.
+        self._verdict_publisher.publish(status)
         self._status_publisher.publish(status)
 
 

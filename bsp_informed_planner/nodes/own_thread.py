@@ -76,7 +76,9 @@ class Intake:
         self._last_reply = -QUIET_SECONDS
         # Answers that are to be sent together; None: each is sent at once.
         self._held_replies: list[Callable[[], None]] | None = None
-        self._subscriptions: tuple[tuple[Subscription, Callable[..., None]], ...] = ()
+        # Each with a lock that is held from when a message is taken until it has been called back with.
+        self._subscriptions: tuple[tuple[Subscription, Callable[..., None], threading.Lock], ...] = ()
+        self._is_closed = False
         self._services: tuple[tuple[Service, Callable[[Any, Reply], None]], ...] = ()
         self._clients: tuple[tuple[Client], ...] = ()
         # What is waited for, and held meanwhile: it must not be destroyed.
@@ -104,7 +106,7 @@ class Intake:
             raw=raw,
         )
         with self._changing():
-            self._subscriptions += ((subscription, callback),)
+            self._subscriptions += ((subscription, callback, threading.Lock()),)
         return subscription
 
     def serve(self, kind: type, name: str, callback: Callable[[Any, Reply], None], profile: QoSProfile) -> None:
@@ -130,9 +132,11 @@ class Intake:
 
     def close(self) -> None:
         """Destroy all of it; nobody may be in `take`, or come there again."""
+        self._is_closed = True
         self._held.close()
-        for subscription, _ in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+        for subscription, _, lock in self._subscriptions:
+            with lock:
+                self._node.destroy_subscription(subscription)
         for service, _ in self._services:
             self._node.destroy_service(service)
         for (client,) in self._clients:
@@ -152,17 +156,15 @@ class Intake:
             wait_set = self._wait_set
         wait_set.clear_entities()
         wait_set.add_guard_condition(self._guard.handle)
-        for subscription, _ in subscriptions:
+        for subscription, *_ in subscriptions:
             wait_set.add_subscription(subscription.handle)
         for service, _ in services:
             wait_set.add_service(service.handle)
         for (client,) in clients:
             wait_set.add_client(client.handle)
         wait_set.wait(int(seconds * 1e9))
-        for subscription, callback in _ready(wait_set, "subscription", subscriptions):
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken is not None:
-                self._call(callback, *taken)
+        for entity in _ready(wait_set, "subscription", subscriptions):
+            self._take_message(*entity)
         for service, answer in _ready(wait_set, "service", services):
             request, header = service.handle.service_take_request(service.srv_type.Request)
             if header is not None:
@@ -171,6 +173,28 @@ class Intake:
             header, response = client.handle.take_response(client.srv_type.Response)
             if header is not None:
                 self._call(_resolve, client, header, response)
+
+    def catch_up(self, *topics: Subscription) -> None:
+        """Call back with the messages of some topics that have come, without waiting for more.
+
+        Any thread may call this while another is in `take`, but not a callback. Afterwards all that had come before has
+        been called back with, by one of the two.
+        """
+        for entity in self._subscriptions:
+            if entity[0] in topics:
+                for _ in range(entity[0].qos_profile.depth):
+                    if not self._take_message(*entity):
+                        break
+
+    def _take_message(self, subscription: Subscription, callback: Callable[..., None], lock: threading.Lock) -> bool:
+        """Call back with the next message; False if there is none."""
+        with lock:
+            if self._is_closed:
+                return False
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is not None:
+                self._call(callback, *taken)
+            return taken is not None
 
     def _take_last_requests(self) -> None:
         """Answer the requests that are there, until no more come."""

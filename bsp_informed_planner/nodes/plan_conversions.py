@@ -103,8 +103,9 @@ def _positions(message: JointState, robot: Robot, state: str) -> dict[str, float
     unknown = [name for name in names if name not in robot.joint_names]
     if unknown:
         raise UnknownJointError(unknown, robot.joint_names)
-    if len(set(names)) != len(names):
-        raise InvalidStateError(state, "a joint is named twice")
+    twice = [name for place, name in enumerate(names) if name in names[:place]]
+    if twice:
+        raise InvalidStateError(state, f"joint '{twice[0]}' is named twice")
     return dict(zip(names, message.position, strict=True))
 
 

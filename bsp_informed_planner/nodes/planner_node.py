@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from bsp_informed_planner.errors import BspPlannerError, PlanningCancelledError
+from bsp_informed_planner.errors import NO_MODEL, BspPlannerError, PlanningCancelledError
 from bsp_informed_planner.nodes.error_codes import ErrorCode, error_code
 from bsp_informed_planner.nodes.failure_records import FailureRecords
 from bsp_informed_planner.nodes.gated_group import GatedGroup
@@ -105,7 +105,9 @@ class PlannerNode(PlannerSuiteNode):
         self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
-        preparation = RobotPreparation(self._world, _try_out, self.note_error)
+        # Sampler ids that have been found to have no model, by robot.
+        self._without_model: set[tuple[str, str]] = set()
+        preparation = RobotPreparation(self._world, self._try_out, self.note_error)
         self.release_with(preparation.close)
         self._robot_source = RobotSource(self, self._settings, preparation.submit, self.note_error)
         self.release_with(self._robot_source.close)
@@ -183,8 +185,9 @@ class PlannerNode(PlannerSuiteNode):
     def _on_get_planner_info(self, request: GetPlannerInfo.Request, reply: Reply) -> None:
         settings, response = self._settings, GetPlannerInfo.Response()
         response.planner_ids = first_of(settings.planner_id, PLANNER_IDS)
-        response.sampler_ids = first_of(settings.sampler_id, SAMPLER_IDS)
-        response.models = list(GUIDES)
+        lacking = {sampler for robot, sampler in self._without_model if robot == self._world.robot_name}
+        response.sampler_ids = [name for name in first_of(settings.sampler_id, SAMPLER_IDS) if name not in lacking]
+        response.models = [name for name in GUIDES if name not in lacking]
         response.default_planning_time, response.max_planning_time = (
             settings.allowed_planning_time,
             settings.max_seconds,
@@ -292,15 +295,24 @@ class PlannerNode(PlannerSuiteNode):
             self.require_active()
             if cancelled():
                 raise PlanningCancelledError
-            world = self._world.current(
+            situation = self._world.situation(
                 int(request.scene_epoch), int(request.scene_revision), SCENE_PATIENCE, cancelled
             )
-            world = world.changed(changes_from_msg(request))
-            problem = problem_from_msg(request, world.robot, self._joints.recent())
             options = options_from_msg(request, self._defaults, self._settings.max_seconds)
+            begin = time.monotonic()
+            end = begin + options.allowed_seconds
+            world = self._world.make(situation, options.allowed_seconds, cancelled)
+            world = world.changed(
+                changes_from_msg(request), lambda robot: self._world.bounds_of(robot, end - time.monotonic(), cancelled)
+            )
+            problem = problem_from_msg(request, world.robot, self._joints.recent())
             if not self._settings.use_inference:
                 world.planner.load_guide(options.sampler_id)
-            plan = world.planner.prepare(problem, options, cancelled=cancelled, on_progress=on_progress)
+            # What the robot holds is worked on, if it is new, in the time of the plan.
+            spent = time.monotonic() - begin
+            plan = world.planner.prepare(
+                problem, options, cancelled=cancelled, on_progress=on_progress, spent_seconds=spent
+            )
             # Guidance is asked for only if a short search without any finds no path.
             result = world.planner.solve(plan, lambda: self._guidance(world, plan, cancelled))
         except Exception as error:  # noqa: BLE001 -- every request gets an answer
@@ -357,7 +369,7 @@ class PlannerNode(PlannerSuiteNode):
             return _with_reason(guidance, "the inference node does not know the scene with the request's changes")
         plan.search.report("guidance")
         try:
-            return self._guide.guide(
+            guidance = self._guide.guide(
                 sampler_id,
                 plan.start,
                 plan.goals,
@@ -375,12 +387,34 @@ class PlannerNode(PlannerSuiteNode):
             guidance = _with_reason(local, str(error))
             self.get_logger().warning(guidance.fallback_reason)
             return guidance
+        if guidance.fallback_reason.startswith(f"{sampler_id}: {NO_MODEL}"):
+            self._note_without_model(world.robot, sampler_id, guidance.fallback_reason)
+        return guidance
+
+    def _note_without_model(self, robot: Robot, sampler_id: str, reason: str) -> None:
+        """Say once that keypoints are exact though another sampler is asked for, and list it no more."""
+        if (robot.name, sampler_id) not in self._without_model:
+            self._without_model.add((robot.name, sampler_id))
+            self.get_logger().warning(f"{reason}; keypoints are exact")
+
+    def _try_out(self, planner: Planner, problem: ScenarioProblem) -> None:
+        """One plan of a robot that is new, with guidance: the next is as fast as it can be."""
+        settings = self._settings
+        # Of another robot of this name, perhaps.
+        self._without_model = {entry for entry in self._without_model if entry[0] != planner.robot.name}
+        if not settings.use_inference and (reason := planner.load_guide(settings.sampler_id)):
+            self._note_without_model(planner.robot, settings.sampler_id, reason)
+        planner.get_ready()
+        goals = [JointGoal(goal) for goal in problem.goals]
+        options = PlanOptions("rrt_star", EXACT, allowed_seconds=WARM_UP_SECONDS, first_solution=True, seed=1)
+        planner.plan(PlanningProblem(problem.start, goals), options)
 
     def _summary(self, result: PlanResult) -> str:
         seconds = result.statistics.total_seconds
+        remark = f"; {result.guidance.remark}" if result.guidance.remark else ""
         return (
             f"path of cost {result.cost:.3f} verified on scene {result.scene_revision} after {seconds:.2f} s, "
-            f"{len(result.path)} waypoints, {result.trajectory.duration:.2f} s long"
+            f"{len(result.path)} waypoints, {result.trajectory.duration:.2f} s long{remark}"
         )
 
     def _log_refusal(self, answer: Answer) -> None:
@@ -402,14 +436,6 @@ class PlannerNode(PlannerSuiteNode):
             scene_revision=self._world.revision if world is None else world.revision,
         )
         return Answer(response, error=error)
-
-
-def _try_out(planner: Planner, problem: ScenarioProblem) -> None:
-    """One plan of a robot that is new, with guidance: the next is as fast as it can be."""
-    planner.get_ready()
-    goals = [JointGoal(goal) for goal in problem.goals]
-    options = PlanOptions("rrt_star", EXACT, allowed_seconds=WARM_UP_SECONDS, first_solution=True, seed=1)
-    planner.plan(PlanningProblem(problem.start, goals), options)
 
 
 def _with_reason(guidance: Guidance, reason: str) -> Guidance:

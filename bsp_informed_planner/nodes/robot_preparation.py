@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bsp_informed_planner.collision.bounds import bounds_at_hand, bounds_of
+from bsp_informed_planner.collision.group_covers import load_cover_kernels
 from bsp_informed_planner.errors import BspPlannerError, RobotDescriptionError
 from bsp_informed_planner.nodes.world import WorldTracker
 from bsp_informed_planner.planning.box_problem import random_box_problem
@@ -111,6 +112,8 @@ def warm_up(robot: Robot, use: WarmUp) -> None:
     """
     # Says what is wrong with a robot that cannot be planned for at all.
     Planner(robot, Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame))
+    # For what it is given to hold.
+    load_cover_kernels()
     try:
         problem = random_box_problem(robot, np.random.default_rng(0), boxes=4)
         use(Planner(robot, problem.scene), problem)

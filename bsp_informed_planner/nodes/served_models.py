@@ -61,11 +61,13 @@ class ServedModels:
         # Baselines last: they are loaded if torch has been, for another model.
         for sampler_id in sorted(set(GUIDES) - {EXACT}, key=lambda name: name in TORCH_BASELINES):
             if sampler_id in TORCH_BASELINES and sampler_id != default and "torch" not in sys.modules:
-                logger.info("%s: loaded when it is first asked for", sampler_id)
+                logger.debug("%s: loaded when it is first asked for", sampler_id)
                 continue
             reason = load_guide(sampler_id, robot, self._folder)
-            if reason:
-                logger.info(reason)
+            if reason and sampler_id == default:
+                logger.warning("%s; keypoints are exact", reason)
+            elif reason:
+                logger.debug(reason)
             else:
                 self._loaded[robot].append(sampler_id)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -11,7 +12,8 @@ from bsp_informed_planner_msgs.msg import KeypointGraph, ObstacleScene, SceneSta
 from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message
 
-from bsp_informed_planner.collision.holding import HoldingRobot
+from bsp_informed_planner.collision.bounds import CollisionBounds
+from bsp_informed_planner.collision.holding import HoldingRobot, robot_in_scene
 from bsp_informed_planner.decomposition.decomposition import Decomposition
 from bsp_informed_planner.errors import (
     BspPlannerError,
@@ -27,6 +29,7 @@ from bsp_informed_planner.errors import (
 )
 from bsp_informed_planner.nodes.error_codes import ErrorCode
 from bsp_informed_planner.nodes.graph_conversions import decomposition_from_msg
+from bsp_informed_planner.nodes.held_bounds import HeldBounds
 from bsp_informed_planner.nodes.newest_first import NewestFirstWorker
 from bsp_informed_planner.nodes.own_thread import OwnThread
 from bsp_informed_planner.nodes.plan_jobs import CANCEL_PERIOD
@@ -77,8 +80,12 @@ class World:
     def revision(self) -> int:
         return self.planner.scene.revision
 
-    def changed(self, diff: SceneDiff) -> World:
+    def changed(self, diff: SceneDiff, get_ready: Callable[[Robot], object] = lambda _: None) -> World:
         """This world with changes that are nobody else's; its decomposition stays that of the scene as published.
+
+        Args:
+            diff: the changes.
+            get_ready: called with the robot and what it holds then, e.g. `WorldTracker.bounds_of`; may raise.
 
         Raises:
             SceneError, UnknownFrameError: if the changes do not fit the scene or the robot.
@@ -86,8 +93,11 @@ class World:
         if not (diff.operations or diff.attachments or diff.permissions):
             return self
         scene = replace(apply(self.scene, diff), revision=self.revision)
+        robot = robot_in_scene(self.bare_robot, scene)
+        # Held until the planner has them.
+        _bounds = get_ready(robot)
         planner = Planner(
-            self.robot,
+            robot,
             scene,
             decomposition=self.planner.decomposition,
             ompl_workers=self.planner.ompl_workers,
@@ -95,12 +105,32 @@ class World:
         return World(planner, self.epoch, True)
 
 
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What is known at one moment, of which a world can be made.
+
+    Attributes:
+        robot: without what it holds in the scene.
+        scene, epoch: in force.
+        decomposition: of the scene, if it has come.
+        workers: of the robot.
+    """
+
+    robot: Robot
+    scene: Scene
+    epoch: int
+    decomposition: Decomposition | None
+    workers: OmplWorkers | None
+
+
 class WorldTracker:
-    """Follows `scene`, `keypoint_graph` and `scene_status`.
+    """Follows `scene`, `keypoint_graph` and `scene_verdict`, which is `scene_status` before clients hear it.
 
     The status says which epoch is in force. A scene of another one is not trusted: its owner has been restarted since,
-    and does not know it. What plans need of a scene is made when it comes, in a thread, so that the first request finds
-    it there; of scenes that come faster than that, the newest.
+    and does not know it. Nor is one that is older than the status says: whoever has read that status believes in the
+    newer scene. So all that has come is read before a world is handed out, and a scene that the status tells of is
+    waited for. What plans need of a scene is made when it comes, in a thread, so that the first request finds it there;
+    of scenes that come faster than that, the newest.
 
     Args:
         node: subscribes.
@@ -124,12 +154,14 @@ class WorldTracker:
         self._unreadable = (0, "")
         self._world: World | None = None
         self._making = threading.Lock()
+        self._held_bounds = HeldBounds()
         self._prepared: World | None = None
         self._head_start = head_start
         self._worker = NewestFirstWorker(self._prepare, "world", pause=PREPARATION_PERIOD, delay=PREPARATION_DELAY)
         self._messages = OwnThread(node, "scene")
+        # The status first: of a scene that it tells of, the message has come before.
+        self._statuses = self._messages.subscribe(SceneStatus, "scene_verdict", self._on_status, LATCHED)
         self._scenes = self._messages.subscribe(ObstacleScene, "scene", self._on_scene, LATCHED, raw=True)
-        self._messages.subscribe(SceneStatus, "scene_status", self._on_status, LATCHED)
         self._messages.subscribe(KeypointGraph, "keypoint_graph", self._on_graph, LATCHED)
 
     def close(self) -> None:
@@ -190,23 +222,27 @@ class WorldTracker:
             return 0
         return min(self._scene[1].revision, int(self._status.revision))
 
-    def current(
+    def current(self, epoch: int = 0, revision: int = 0) -> World:
+        """The world now. See `situation` and `make`."""
+        return self.make(self.situation(epoch, revision))
+
+    def situation(
         self,
         epoch: int = 0,
         revision: int = 0,
         wait_seconds: float = 0.0,
         cancelled: Callable[[], bool] | None = None,
-    ) -> World:
-        """The world now.
+    ) -> Situation:
+        """What is in force, as of all messages that have come.
 
         Args:
-            epoch, revision: that the scene must have; 0: any.
+            epoch, revision: that the scene must have; 0: any that is as new as the status says.
             wait_seconds: how long to wait for a scene that is to come [s]; not for callbacks of the executor.
             cancelled: asked while waiting.
 
         Raises:
             RobotDescriptionError, RobotNotReadyError: no robot is known yet, or it is being prepared.
-            SceneUnavailableError: no scene has arrived yet, or the node that owns it is gone.
+            SceneUnavailableError: no scene has arrived yet, or not the newest, or the node that owns it is gone.
             SceneRefusedError: the newest scene message was refused.
             SceneEpochError, SceneRevisionError: another scene is in force.
             EmptySceneError: the scene has no obstacles.
@@ -214,15 +250,17 @@ class WorldTracker:
             PlanningCancelledError: cancelled while waiting.
         """
         _ = self.robot
-        if (epoch, revision) > (0, 0):
-            self._wait_for(epoch, revision, wait_seconds, cancelled)
+        self._messages.catch_up(self._statuses, self._scenes)
         with self._lock:
+            self._wait_for(epoch, revision, wait_seconds, cancelled)
             robot = self.robot
             is_behind = epoch in (0, self.epoch) and self.revision < revision and not self._is_unreadable
             if is_behind and (self.revision or self._refusal):
                 # What is known of an older scene, that it was refused for example, does not matter.
                 raise SceneRevisionError(revision, self.revision)
             scene = self._trusted_scene(epoch)
+            if not revision and self._is_announced:
+                raise SceneUnavailableError(f"scene {self._announced} is in force, but has not come to this node yet")
             if revision not in (0, scene.revision):
                 raise SceneRevisionError(revision, scene.revision)
             if scene.is_empty and not self.allow_empty_scene:
@@ -231,22 +269,58 @@ class WorldTracker:
                 )
             if scene.frame != robot.root_frame:
                 raise UnknownFrameError(scene.frame, [robot.root_frame], "the scene, for this robot")
-            epoch, workers = self.epoch, self._ompl_workers
-            decomposition = self._decomposition_of(epoch, scene)
-            if self._world is not None and (decomposition is None or self._world.planner.adopt(decomposition)):
-                return self._world
-        # Outside of the lock: a large scene takes a while, in which the subscriptions must go on.
+            return Situation(robot, scene, self.epoch, self._decomposition_of(self.epoch, scene), self._ompl_workers)
+
+    def make(
+        self,
+        situation: Situation,
+        wait_seconds: float = math.inf,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> World:
+        """The world in a situation: made now, or before.
+
+        Args:
+            situation: from `situation`.
+            wait_seconds: how long to wait for the bounds of what the robot holds [s].
+            cancelled: asked while waiting.
+
+        Raises:
+            RobotNotReadyError: the bounds of what the robot holds are being built.
+            SceneError, UnknownFrameError: the scene does not fit the robot.
+            PlanningCancelledError: cancelled while waiting.
+        """
+        made = self._made(situation)
+        if made is not None:
+            return made
+        # Outside of the locks: what is large takes a while, in which the subscriptions, and other plans, must go on.
+        robot, scene = robot_in_scene(situation.robot, situation.scene), situation.scene
+        _bounds = self.bounds_of(robot, wait_seconds, cancelled)
         with self._making:
+            made = self._made(situation)
+            if made is not None:
+                return made
+            planner = Planner(robot, scene, decomposition=situation.decomposition, ompl_workers=situation.workers)
+            world = World(planner, situation.epoch)
             with self._lock:
-                made = self._world
-                is_made = made is not None and made.scene is scene and made.epoch == epoch and made.bare_robot is robot
-                if made is not None and is_made and (decomposition is None or made.planner.adopt(decomposition)):
-                    return made
-            world = World(Planner(robot, scene, decomposition=decomposition, ompl_workers=workers), epoch)
-            with self._lock:
-                if self._scene is not None and self._scene[1] is scene and self.epoch == epoch and self._robot is robot:
+                is_known = self._scene is not None and self._scene[1] is scene and self.epoch == situation.epoch
+                if is_known and self._robot is situation.robot:
                     self._world = world
         return world
+
+    def bounds_of(
+        self, robot: Robot, wait_seconds: float = math.inf, cancelled: Callable[[], bool] | None = None
+    ) -> CollisionBounds | None:
+        """The bounds of a robot that holds something, see `HeldBounds.of`; None for another, which has them already."""
+        return self._held_bounds.of(robot, wait_seconds, cancelled) if isinstance(robot, HoldingRobot) else None
+
+    def _made(self, situation: Situation) -> World | None:
+        """The world of a situation, if it has been made."""
+        with self._lock:
+            made, decomposition = self._world, situation.decomposition
+            if made is None or made.scene is not situation.scene or made.epoch != situation.epoch:
+                return None
+            is_fit = made.bare_robot is situation.robot
+            return made if is_fit and (decomposition is None or made.planner.adopt(decomposition)) else None
 
     def _decomposition_of(self, epoch: int, scene: Scene) -> Decomposition | None:
         """That of `keypoint_graph`, if it has come."""
@@ -287,18 +361,19 @@ class WorldTracker:
         return self._scene[1]
 
     def _wait_for(self, epoch: int, revision: int, seconds: float, cancelled: Callable[[], bool] | None) -> None:
+        """With the lock held: wait for a scene that is asked for, or that the status tells of."""
         end = time.monotonic() + seconds
-        with self._lock:
-            # A greater epoch is newer: one that is over does not come back.
-            while not self._is_unreadable and (
-                self.epoch < epoch or (epoch in (0, self.epoch) and self.revision < revision)
-            ):
-                remaining = end - time.monotonic()
-                if remaining <= 0.0:
-                    return
-                self._lock.wait(min(remaining, CANCEL_PERIOD))
-                if cancelled is not None and cancelled():
-                    raise PlanningCancelledError
+        # A greater epoch is newer: one that is over does not come back.
+        while not self._is_unreadable and (
+            self.epoch < epoch
+            or (epoch in (0, self.epoch) and (self.revision < revision if revision else self._is_announced))
+        ):
+            remaining = end - time.monotonic()
+            if remaining <= 0.0:
+                return
+            self._lock.wait(min(remaining, CANCEL_PERIOD))
+            if cancelled is not None and cancelled():
+                raise PlanningCancelledError
 
     @property
     def _refusal(self) -> str:
@@ -309,6 +384,17 @@ class WorldTracker:
         if status.error_code != ErrorCode.SUCCESS:
             return str(status.message)
         return self._unreadable[1] if self._is_unreadable else ""
+
+    @property
+    def _announced(self) -> int:
+        """Revision that the status tells of; 0: of none."""
+        return 0 if self._status is None else int(self._status.revision)
+
+    @property
+    def _is_announced(self) -> bool:
+        """Whether the status tells of a newer scene than has come, and of nothing that is to be said instead."""
+        known = self._scene[1].revision if self._scene is not None and self._scene[0] == self.epoch else 0
+        return known < self._announced and not self._refusal
 
     @property
     def _is_unreadable(self) -> bool:

@@ -28,6 +28,7 @@ class Budget:
         cancelled: asked often; True ends the search.
         work: share of work that kernels are given at a time; None: as much as the clock allows. When the answers to
             their questions come hangs on it, and so may what is found: a fixed share makes searches repeatable.
+        spent: of the time, before now [s].
     """
 
     def __init__(
@@ -36,8 +37,9 @@ class Budget:
         max_samples: int | None = None,
         cancelled: Callable[[], bool] | None = None,
         work: int | None = None,
+        spent: float = 0.0,
     ) -> None:
-        self._begin = time.monotonic()
+        self._begin = time.monotonic() - spent
         self._end = self._begin + seconds
         self._cancelled = cancelled or never
         self._lock = threading.Lock()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -51,8 +50,6 @@ from bsp_informed_planner.sampling.guide import EXACT, SAMPLER_IDS, GuideSetting
 from bsp_informed_planner.sampling.scene_guides import UNAVAILABLE, SceneGuides
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
-
-logger = logging.getLogger(__name__)
 
 #: Time kept back for timing the path that is returned: a share of what is allowed, at most so many seconds.
 RESERVE_SHARE = 0.15
@@ -236,8 +233,13 @@ class Planner:
         *,
         cancelled: Callable[[], bool] | None = None,
         on_progress: Callable[[Progress], None] | None = None,
+        spent_seconds: float = 0.0,
     ) -> PreparedPlan:
         """The first part of `plan`, for callers that get guidance from elsewhere: its time starts to run here.
+
+        Args:
+            problem, options, cancelled, on_progress: see `plan`.
+            spent_seconds: of the time allowed, before this call, e.g. on this planner [s].
 
         Raises:
             UnknownPlannerError, UnknownSamplerError, ProblemError, PlanningCancelledError: see `plan`.
@@ -250,7 +252,7 @@ class Planner:
         seed = secrets.randbits(32) if options.seed is None else options.seed
         reserve = min(RESERVE_SHARE * options.allowed_seconds, RESERVE_SECONDS)
         work = WORK if self.robot.revolute.any() else SLIDING_WORK
-        budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled, work)
+        budget = Budget(options.allowed_seconds - reserve, options.max_samples, cancelled, work, spent_seconds)
         search = Search(self.robot, options, budget, seed, on_progress)
         search.report("validating")
         judges = tuple(
@@ -282,17 +284,24 @@ class Planner:
         if options.max_samples is not None:
             require_room("max_samples", options.max_samples, self.robot.dof)
 
-    def load_guide(self, sampler_id: str) -> None:
+    def load_guide(self, sampler_id: str) -> str:
         """Load the models of a sampler id, which takes seconds for the first network of a process.
 
-        `plan` does it before its time begins. What is missing is not said here but by the plan.
+        `plan` does it before its time begins.
+
+        Returns:
+            why there is none to load, so that exact keypoints take its place; empty if there is.
+
+        Raises:
+            UnknownSamplerError: for an id that does not exist.
         """
         if sampler_id in ("uniform", EXACT):
-            return
+            return ""
         try:
             self._guides.get(sampler_id)
         except UNAVAILABLE as error:
-            logger.info("%s: %s", sampler_id, error)
+            return f"{sampler_id}: {error}"
+        return ""
 
     def guide(self, plan: PreparedPlan, sampler_id: str | None = None) -> Guidance:
         """Guidance for a plan, with the reason if it is not what was asked for.
@@ -375,7 +384,7 @@ class Planner:
         """What is said of a search that was over before guidance was asked for."""
         if options.sampler_id == "uniform" or options.uniform_fraction == 1.0:
             return Guidance("uniform")
-        return Guidance("uniform", fallback_reason="a path was found before keypoints were needed")
+        return Guidance("uniform", remark="a path was found before keypoints were needed")
 
     def _statistics(self, plan: PreparedPlan, guidance: Guidance) -> PlanStatistics:
         search = plan.search

@@ -58,13 +58,23 @@ def free_state(robot: Robot, checker: CollisionChecker, name: str, configuration
 
     Raises:
         InvalidStateError, StateOutsideLimitsError: see `validated_state`.
-        StateInCollisionError: naming the two bodies.
+        StateInCollisionError: naming the two bodies, and the padding, if they do not touch.
     """
     state = validated_state(robot, name, configuration)
     bodies = checker.colliding_bodies(state)
     if bodies is not None:
-        raise StateInCollisionError(name, bodies)
+        raise _collision(checker, name, state, bodies)
     return state
+
+
+def _collision(
+    checker: CollisionChecker, name: str, state: FloatArray, bodies: tuple[str, str]
+) -> StateInCollisionError:
+    """What is said of a state that is not free because of two bodies: that some touch, or that these come too close."""
+    touching = bodies if checker.padding == 0.0 else checker.touching_bodies(state)
+    if touching is not None:
+        return StateInCollisionError(name, touching)
+    return StateInCollisionError(name, bodies, checker.padding)
 
 
 def goal_configurations(
@@ -145,7 +155,7 @@ def _pose_configurations(
     if not len(free):
         bodies = checker.colliding_bodies(branches[0])
         assert bodies is not None
-        raise StateInCollisionError("goal", bodies)
+        raise _collision(checker, "goal", branches[0], bodies)
     # A whole turn leaves the robot where it was, so windings need no check of their own. The nearest winding of every
     # branch comes before the second of any: branches differ in how they can be reached, windings seldom do.
     ranked: list[tuple[int, float, FloatArray]] = []

@@ -39,8 +39,9 @@ class Guidance:
         sampler_id: which sampler it came from.
         chains: best first.
         sampler: the mixture of the local samplers along the chains, without the uniform share; None: uniform only.
-        fallback_reason: why this is not the sampler that was asked for; empty if it is.
+        fallback_reason: why this is not the sampler that was asked for; empty if it is, or was not needed.
         seconds: time taken to make it [s].
+        remark: what else there is to say, e.g. that it was not needed.
     """
 
     sampler_id: str
@@ -48,6 +49,7 @@ class Guidance:
     sampler: Sampler | None = None
     fallback_reason: str = ""
     seconds: float = 0.0
+    remark: str = ""
 
     @property
     def keypoints(self) -> FloatArray:

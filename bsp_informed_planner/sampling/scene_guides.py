@@ -101,7 +101,7 @@ class SceneGuides:
         else:
             guidance = Guidance("uniform", fallback_reason="; ".join(reasons), seconds=time.monotonic() - begin)
         if reasons:
-            logger.info("%s instead of %s: %s", guidance.sampler_id, sampler_id, guidance.fallback_reason)
+            logger.debug("%s instead of %s: %s", guidance.sampler_id, sampler_id, guidance.fallback_reason)
         return guidance
 
 

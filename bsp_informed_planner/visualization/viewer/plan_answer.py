@@ -76,7 +76,7 @@ def library_plan(planner: Planner) -> PlanFunction:
             cost_seconds=np.array(result.cost_history.seconds),
             costs=np.array(result.cost_history.costs),
             samples=samples,
-            remark=guidance.fallback_reason,
+            remark=guidance.fallback_reason or guidance.remark,
         )
 
     return plan
