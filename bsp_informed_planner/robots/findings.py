@@ -199,8 +199,8 @@ def kinematics_findings(robot: ArmRobot, report: InverseKinematicsReport) -> lis
     return findings
 
 
-def self_collision_findings(report: SelfCollisionReport, has_srdf: bool) -> list[Finding]:
-    """Of pairs of links that should be exempt, or should not."""
+def self_collision_findings(report: SelfCollisionReport, proposes_srdf: bool) -> list[Finding]:
+    """Of pairs of links that should be exempt, or should not; an SRDF for those that never collide may be proposed."""
     findings = []
     topic = "self-collision"
 
@@ -254,7 +254,7 @@ def self_collision_findings(report: SelfCollisionReport, has_srdf: bool) -> list
                 "that; take their <disable_collisions> out unless you know why they are there",
             )
         )
-    if not has_srdf and report.of_kind(PairKind.NEVER):
+    if proposes_srdf and report.of_kind(PairKind.NEVER):
         count = len(report.of_kind(PairKind.NEVER))
         findings.append(
             Finding(
