@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import TracebackType
 
 from rich.console import Console
@@ -16,8 +16,8 @@ LINE_SECONDS = 10.0
 @dataclass
 class _Phase:
     task: TaskID
-    begin: float = field(default_factory=time.monotonic)
-    told: float = 0.0
+    begin: float
+    told: float
     is_done: bool = False
 
 
@@ -56,12 +56,10 @@ class Phases:
 
     def __call__(self, phase: str, done: float, total: float) -> None:
         """A phase, which need not be new, has come so far."""
-        known = self._phases.get(phase)
+        now, known = time.monotonic(), self._phases.get(phase)
         if known is None:
-            known = self._phases[phase] = _Phase(self._bars.add_task(phase, total=total))
-            known.told = known.begin
+            known = self._phases[phase] = _Phase(self._bars.add_task(phase, total=total), now, now)
             self._say(f"{phase} ...")
-        now = time.monotonic()
         if done >= total and not known.is_done:
             known.is_done = True
             self._say(f"{phase}: done, {now - known.begin:.1f} s")

@@ -53,7 +53,7 @@ class OmplPathSearch:
         self._rng = rng
 
     def run(self, last: BoundedChecker, start: FloatArray, goals: FloatArray) -> FloatArray | None:
-        """Search until the planner is done or the budget is spent, which the start of a worker process does not count in.
+        """Search until the planner is done or the budget is spent. The start of a worker process is given back to it.
 
         Args:
             last: the last check of paths.

@@ -17,9 +17,9 @@ from bsp_informed_planner.robots.description import COMPOUND, XmlSource
 from bsp_informed_planner.robots.findings import (
     geometry_findings,
     joint_findings,
-    joint_must_be_held,
+    joints_must_be_held,
     kinematics_findings,
-    mesh_is_missing,
+    missing_meshes,
     self_collision_findings,
     tip_findings,
 )
@@ -88,13 +88,14 @@ def check_robot(
     except BspPlannerError as error:
         return RobotReport("", findings=(Finding(Severity.ERROR, "description", str(error)),)), None
     report = RobotReport(survey.name, surveyed=survey.joints)
+    unusable = []
     for joint in survey.joints:
         if joint.held is None and (joint.mimics or joint.kind in COMPOUND) and joint.kind != "fixed":
-            findings.append(joint_must_be_held(joint))
+            unusable.append(joint)
             name, _, value = joint.lock.partition("=")
             locked.setdefault(name, float(value))
     missing = [body.problem for body in survey.bodies if body.problem]
-    findings += [Finding(Severity.ERROR, "geometry", mesh_is_missing(problem)) for problem in missing]
+    findings += joints_must_be_held(unusable) + missing_meshes(survey.bodies)
     tell = on_progress or _nobody
     tell("loading", 0, 1)
     try:
