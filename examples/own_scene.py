@@ -22,14 +22,14 @@ out: Path = parser.parse_args().out
 out.mkdir(parents=True, exist_ok=True)
 
 robot = ur5()
-# A table, a bottle on it, and what a camera has seen: points of a wall, each standing for a cube of 3 cm.
+# A table, a lamp on it, which is in the way, and what a camera has seen: points of a wall, each standing for a cube of 3 cm.
 table = Obstacle.of("table", Box(np.array([0.6, 1.2, 0.04])), Pose.from_xyz_rpy([0.6, 0.0, -0.1]))
-bottle = Obstacle.of("bottle", Cylinder(radius=0.04, height=0.3), Pose.from_xyz_rpy([0.55, 0.1, 0.07]))
+lamp = Obstacle.of("lamp", Cylinder(radius=0.05, height=0.6), Pose.from_xyz_rpy([0.55, 0.1, 0.22]))
 y, z = np.meshgrid(np.arange(-0.3, 0.3, 0.02), np.arange(-0.05, 0.3, 0.02))
 points = np.stack([np.full(y.size, 0.85), y.ravel(), z.ravel()], axis=1)
 wall = Obstacle.of("wall", PointCloud(points, resolution=0.03))
 bounds = WorkspaceBounds(np.array([-0.9, -0.9, -0.5]), np.array([1.1, 0.9, 1.1]))  # where keypoints are looked for
-scene = Scene.of([table, bottle, wall], bounds, frame=robot.root_frame)
+scene = Scene.of([table, lamp, wall], bounds, frame=robot.root_frame)
 
 save_scene(out / "own_scene.yaml", scene)
 scene = load_scene(out / "own_scene.yaml")

@@ -101,7 +101,19 @@ def test_lines_of_required_numbers() -> None:
     )
     assert RequiredNumber("share", 96.0, "at least", 95.0, "%").holds
     assert not RequiredNumber("share", float("nan"), "at least", 95.0, "%").holds
-    assert RequiredNumber("growth", 1.2, "reported").line() == "growth: 1.20 (to be reported) holds"
+    assert RequiredNumber("growth", 1.2, "reported").line() == "growth: 1.20 (to be reported)"
+    assert RequiredNumber("growth", float("nan"), "reported").verdict == "not measured"
+
+
+def test_what_is_not_told_apart() -> None:
+    """The value decides in full runs; in quick ones, where the interval holds the limit, nothing is said of it."""
+    time = RequiredNumber("time", Estimate(1.2, 0.4, 1.6), "at most", 1.0)
+    assert time.verdict == "falls short"
+    assert replace(time, quick=True).verdict == "not told apart"
+    assert replace(time, measured=Estimate(0.8, 0.4, 1.6), quick=True).verdict == "not told apart"
+    assert replace(time, measured=Estimate(1.2, 1.1, 1.6), quick=True).verdict == "falls short"
+    assert replace(time, measured=1.2, quick=True).verdict == "falls short"
+    assert replace(time, measured=0.9, apart=False).verdict == "not told apart"
 
 
 def test_tables_are_markdown() -> None:

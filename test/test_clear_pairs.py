@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from test_verdict_kernels import chain
 
+from bsp_informed_planner.collision import clear_pairs
 from bsp_informed_planner.collision.body_groups import BodyGroups, group_bodies
 from bsp_informed_planner.collision.bounds import bounds_of
 from bsp_informed_planner.collision.clear_pairs import BEYOND_LIMITS, find_clear_pairs
@@ -46,6 +47,16 @@ def states_up_to_the_limits(robot: ArmRobot, count: int, rng: np.random.Generato
 def proved(robot: ArmRobot) -> tuple[BodyGroups, set[tuple[int, ...]]]:
     groups = group_bodies(robot.collision_model)
     return groups, {tuple(pair) for pair in find_clear_pairs(robot, groups).tolist()}
+
+
+def test_meshes_of_many_triangles_are_proved_clear_by_their_distance(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = ur5()
+    groups, pairs = proved(robot)
+    monkeypatch.setattr(clear_pairs, "HEAVY", 100)
+    found = proved(robot)[1]
+    assert found
+    assert found <= pairs
+    assert not found & touching_pairs(robot, groups, states_up_to_the_limits(robot, 300, np.random.default_rng(2)))
 
 
 def test_what_is_proved_holds_for_random_trees() -> None:

@@ -9,11 +9,18 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 
 from bsp_informed_planner.collision.cover import Cover, CoverBuilder, CoverOptions
 from bsp_informed_planner.collision.solid_kernels import (
+    DOUBTFUL,
+    balls_around,
+    crossing,
+    distance_to,
+    grid_winding,
     is_outermost,
-    ray_winding,
+    nearest_among,
+    ray_grid,
     solid_angle_winding,
     winding_bounds,
 )
@@ -44,6 +51,18 @@ def mesh(triangles: FloatArray) -> coal.CollisionGeometry:
 
 def leaves(cover: Cover) -> FloatArray:
     return cover.outer[cover.ends == np.arange(len(cover.ends)) + 1]
+
+
+@njit
+def ray_winding(point: FloatArray, triangles: FloatArray) -> float:
+    """By the crossings of a ray, with every triangle looked at; -1 if one is not certain."""
+    total = 0
+    for i in range(len(triangles)):
+        crossed = crossing(point, triangles, i)
+        if crossed == DOUBTFUL:
+            return -1.0
+        total += crossed
+    return float(abs(total))
 
 
 def outermost_one_by_one(triangles: FloatArray, offset: float) -> np.ndarray:
@@ -197,10 +216,8 @@ def test_winding_bounds_hold(seed: int) -> None:
     rng = np.random.default_rng(seed)
     solid = Solid(cup())
     centre = rng.uniform(-0.2, 0.2, 3)
-    from bsp_informed_planner.collision.solid_kernels import distance_to
-
     radius = 0.9 * distance_to(centre, solid.triangles, np.empty(3))
-    low, high = winding_bounds(centre, radius, solid.triangles, *solid.open_edges)
+    low, high = winding_bounds(centre, radius, solid.triangles, solid.grid, *solid.open_edges)
     for _ in range(50):
         direction = rng.normal(size=3)
         point = centre + radius * rng.random() * direction / np.linalg.norm(direction)
@@ -211,12 +228,28 @@ def test_rays_and_solid_angles_agree() -> None:
     geometry = ur5().collision_model.geometryObjects[3]
     triangles = body_of(geometry, 0.01).solids[0].triangles
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    found = set()
+    grid, found = ray_grid(triangles), set()
     for point in np.random.default_rng(5).uniform(low, high, (300, 3)):
-        winding = ray_winding(point, triangles)
-        assert winding in (-1.0, round(solid_angle_winding(point, triangles)))
+        winding = round(solid_angle_winding(point, triangles))
+        assert ray_winding(point, triangles) in (-1.0, winding)
+        assert round(grid_winding(point, triangles, grid)) == winding
         found.add(winding)
-    assert {0.0, 1.0} <= found
+    assert {0, 1} <= found
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 200), size=st.floats(1e-3, 3.0))
+def test_the_nearest_triangle_is_found_by_looking_at_few(seed: int, count: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    triangles = rng.normal(size=(count, 1, 3)) + size * rng.normal(size=(count, 3, 3))
+    some = rng.permutation(count)[: 1 + count // 2]
+    point, bounds, nearest, expected = 2.0 * rng.normal(size=3), np.empty(count), np.empty(3), np.empty(3)
+    chosen = np.ascontiguousarray(triangles[some])
+    distance = nearest_among(point, triangles, balls_around(triangles), some, len(some), bounds, nearest)
+    assert distance == distance_to(point, chosen, expected)
+    np.testing.assert_array_equal(nearest, expected)
+    exact = [distance_to(point, triangle[None], expected) for triangle in chosen]
+    assert (bounds[: len(some)] <= np.array(exact) * (1.0 + 1e-12)).all()
 
 
 def test_a_link_of_an_arm() -> None:
@@ -250,4 +283,6 @@ def test_triangles_between_inside_and_outside_are_found(seed: int, dropped: int,
         box = np.asarray(trimesh.creation.box(rng.uniform(0.1, 2.0, 3)).triangles)
         parts.append(box + rng.uniform(-1.0, 1.0, 3))
     triangles = np.ascontiguousarray(np.concatenate(parts))
-    np.testing.assert_array_equal(is_outermost(triangles, 1e-5), outermost_one_by_one(triangles, 1e-5))
+    np.testing.assert_array_equal(
+        is_outermost(triangles, ray_grid(triangles), 1e-5), outermost_one_by_one(triangles, 1e-5)
+    )

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmark_lines import ENDS
 from rich.console import Console
 
 from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments, Mode
@@ -212,7 +213,7 @@ def test_small_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypat
         parts.append(replace(part, cases=cases, mode=Mode.ALONE))
     benchmark = replace(benchmark, parts=tuple(parts))
     assert run_benchmark(benchmark, BenchmarkArguments(quick=True, seed=1, out=tmp_path, workers=1), Console())
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.endswith((" holds", " falls short"))]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.endswith(ENDS)]
     assert len(lines) >= 12
     report = (tmp_path / "report.md").read_text()
     assert report.index("## Findings") < report.index("## Numbers")

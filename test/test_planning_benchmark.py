@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmark_lines import ENDS
 from rich.console import Console
 
 from bsp_informed_planner.benchmarks import statistics
@@ -254,7 +255,7 @@ def test_small_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         parts.append(replace(part, cases=cases, mode=Mode.ALONE))
     benchmark = replace(benchmark, parts=tuple(parts))
     assert run_benchmark(benchmark, BenchmarkArguments(quick=True, seed=1, out=tmp_path, workers=1), Console())
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.endswith((" holds", " falls short"))]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.endswith(ENDS)]
     assert len(lines) >= 7
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["complete"]

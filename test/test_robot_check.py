@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bsp_informed_planner.cli.app import app
+from bsp_informed_planner.collision.exact import ExactChecker
 from bsp_informed_planner.planning import JointGoal, Planner, PlanningProblem, PlanOptions
 from bsp_informed_planner.planning.box_problem import random_box_problem
 from bsp_informed_planner.robots.arm import load_arm
@@ -19,6 +20,7 @@ from bsp_informed_planner.robots.report import RobotReport, Severity
 
 SHARE = example_robot_data()
 ROBOTS = SHARE / "example-robot-data" / "robots"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 QUICK = CheckOptions(samples=200, poses=10)
 LIMIT = '<limit lower="-2" upper="2" velocity="1" effort="1"/>'
 BOX = '<collision><geometry><box size="0.05 0.05 0.3"/></geometry></collision>'
@@ -73,6 +75,20 @@ def test_an_arm_that_is_understood_is_planned_for() -> None:
     assert planned.certified
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_boxes_leave_a_way(seed: int) -> None:
+    """A small arm among boxes of a fifth of its reach: each problem can be solved."""
+    robot = load_arm(EXAMPLES / "own_arm.urdf", locked_joints={"grip": 0.02})
+    problem = random_box_problem(robot, np.random.default_rng(seed))
+    assert len(problem.scene.obstacles) == 8
+    checker = ExactChecker(robot, problem.scene)
+    assert checker.is_free(problem.start)
+    assert checker.is_free(problem.goals[0])
+    options = PlanOptions(first_solution=True, seed=0, allowed_seconds=5.0)
+    planned = Planner(robot, problem.scene).plan(PlanningProblem(problem.start, [JointGoal(problem.goals[0])]), options)
+    assert planned.certified
+
+
 def test_joints_that_move_as_one_say_how_to_hold_them() -> None:
     urdf = ROBOTS / "panda_description/urdf/panda.urdf"
     report, robot = check_robot(urdf, package_dirs=[SHARE], options=QUICK)
@@ -92,8 +108,27 @@ def test_everything_that_is_missing_is_listed() -> None:
     report, robot = check_robot(urdf, options=QUICK)
     assert robot is None
     errors = sentences(report, Severity.ERROR)
-    assert len(errors) == 2
-    assert all("--package-dir" in error for error in errors)
+    assert len(errors) == 1
+    for words in ("package://mine/one.stl", "1 more of 'mine'", "--package-dir"):
+        assert words in errors[0]
+    two = mesh.format("two").replace("mine", "my")
+    other = arm(joint("a", 0), joint("b", 1), bodies=(BOX, mesh.format("one"), two))
+    report, _ = check_robot(other, options=QUICK)
+    assert len(sentences(report, Severity.ERROR)) == 2
+
+
+def test_what_a_whole_robot_lacks_takes_a_few_lines() -> None:
+    """Without the folder of its packages: dozens of meshes of one package, and fingers that follow two joints."""
+    report, robot = check_robot(ROBOTS / "tiago_pro_description/robots/tiago_pro.urdf", options=QUICK)
+    assert robot is None
+    errors = sentences(report, Severity.ERROR)
+    assert len(errors) == 3
+    for side in ("left", "right"):
+        [error] = [error for error in errors if f"--lock gripper_{side}_finger_joint=" in error]
+        assert "5 joints ('gripper_" in error
+        assert f"mimic 'gripper_{side}_finger_joint'" in error
+    [error] = [error for error in errors if "--package-dir" in error]
+    assert "more of 'example-robot-data'" in error
 
 
 @pytest.mark.parametrize(
@@ -148,6 +183,11 @@ def test_the_command_prints_writes_and_ends_with_a_status(tmp_path: Path) -> Non
     command = ["robot", "check", str(urdf), "--samples", "200"]
     done = CliRunner().invoke(app, [*command, "--write-srdf", str(srdf)])
     assert done.exit_code == 0, done.output
+    # Each phase is seen without a terminal too; one that writes an SRDF is not told to.
+    for phase in ("loading", "inverse kinematics", "self-collision", "placing boxes", "planning"):
+        assert f"{phase} ...\n" in done.stderr
+        assert f"{phase}: done, " in done.stderr
+    assert "--write-srdf" not in done.output
     for words in (
         "first plan, among",
         "collision bounds: ",
@@ -155,8 +195,8 @@ def test_the_command_prints_writes_and_ends_with_a_status(tmp_path: Path) -> Non
         "self-collision: 6 pairs",
     ):
         assert words in done.output
-    # It is not said to work where its first plan found nothing.
-    assert ("planning works" in done.output) != ("no path among" in done.output)
+    assert "planning works" in done.output
+    assert "size [m]" in done.output
     assert load_arm(urdf, srdf).tool_frame == "l3"
     done = CliRunner().invoke(app, [*command, "--srdf", str(srdf), "--json"])
     content = json.loads(done.stdout)

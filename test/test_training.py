@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from bsp_informed_planner.cli.train import TrainArguments, command, run_train
 from bsp_informed_planner.decomposition.decomposition import decompose
 from bsp_informed_planner.decomposition.graph import has_line_of_sight
 from bsp_informed_planner.decomposition.options import DecompositionOptions
-from bsp_informed_planner.errors import InvalidOptionError, TrainingError
+from bsp_informed_planner.errors import DatasetMismatchError, InvalidOptionError, TrainingError
 from bsp_informed_planner.experience.dataset import Experience
 from bsp_informed_planner.experience.keypoint_examples import HeatmapExamples, HeatmapTargets, RegressionExamples
 from bsp_informed_planner.experience.sampler_examples import (
@@ -317,6 +319,22 @@ def test_every_model_can_be_trained_and_loaded(kind: str, experience: Experience
     assert f"--model {kind}" in model.card.training["command"]
     assert "--problems 4" in command(arguments)
     assert list((tmp_path / "tensorboard").iterdir())
+
+
+def test_a_model_that_does_not_exist_is_said_before_anything_is_read(tmp_path: Path) -> None:
+    with pytest.raises(InvalidOptionError, match=r"heatmap, .*path_chains, .*path_library, gmm"):
+        run_train(TrainArguments(tmp_path / "no dataset", "nope", tmp_path))
+
+
+def test_models_of_planar_robots_name_the_one_for_arms(experience: Experience, tmp_path: Path) -> None:
+    folder = tmp_path / "arm"
+    shutil.copytree(experience.folder, folder)
+    robot = replace(experience.description.robot, name="ur5", workspace_dimension=3)
+    replace(experience.description, robot=robot).write(folder)
+    of_an_arm = Experience.load(folder)
+    for kind in ("heatmap", "segment_cvae"):
+        with pytest.raises(DatasetMismatchError, match=f"'ur5' .* planar robot, which '{kind}' .* 'path_chains'"):
+            prepare_training(kind, of_an_arm, seed=0)
 
 
 def test_what_cannot_be_trained(experience: Experience, tmp_path: Path) -> None:

@@ -28,9 +28,6 @@ def main() -> None:
             logger.info("%s: its covers are there", robot.name)
             continue
         saved = save_covers(key, load_covers(key) or build_covers(robot), SHIPPED)
-        if saved is not None:
-            # Temporary files are for their owner only; a package is for everybody.
-            saved.chmod(0o644)
         logger.info("%s: %s", robot.name, saved)
 
 

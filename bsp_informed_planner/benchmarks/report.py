@@ -29,6 +29,8 @@ class RequiredNumber:
         unit: of both, e.g. "ms" or "%"; may be empty.
         remark: added to the measured value, e.g. of how many cases it is.
         digits: significant ones of the measured value.
+        apart: whether the intervals of what is compared are apart, where it is two measurements.
+        quick: whether it was measured in a few cases only.
     """
 
     name: str
@@ -38,6 +40,8 @@ class RequiredNumber:
     unit: str = ""
     remark: str = ""
     digits: int = 3
+    apart: bool = True
+    quick: bool = False
 
     @property
     def value(self) -> float:
@@ -70,11 +74,21 @@ class RequiredNumber:
 
     @property
     def verdict(self) -> str:
+        """What to make of it: nothing where it only had to be measured, and is.
+
+        Two measurements whose intervals overlap are not told apart. Nor are, in a quick run, the number and what is
+        required, where the interval holds that: a full run is there to tell, and there the value decides.
+        """
+        if self.comparison == "reported":
+            return "" if self.holds else "not measured"
+        wide = isinstance(self.measured, Estimate) and self.measured.low < self.limit < self.measured.high
+        if not self.apart or (self.quick and wide):
+            return "not told apart"
         return "holds" if self.holds else "falls short"
 
     def line(self) -> str:
-        """`name: measured (required) holds`, or `... falls short`."""
-        return f"{self.name}: {self.measured_text} ({self.required_text}) {self.verdict}"
+        """`name: measured (required) holds`, or what else the verdict is."""
+        return f"{self.name}: {self.measured_text} ({self.required_text}) {self.verdict}".rstrip()
 
 
 @dataclass

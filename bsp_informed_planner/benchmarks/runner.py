@@ -10,6 +10,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,8 @@ def run_benchmark(benchmark: Benchmark, arguments: BenchmarkArguments, console: 
         command = arguments.command or f"bsp-planner benchmark {benchmark.name} --{size} --seed {arguments.seed}"
         report = Report(benchmark.title, benchmark.introduction, command, machine, load)
         missing = _summarise(benchmark, arguments.seed, rows, report)
+        for section in report.sections:
+            section.numbers = [replace(number, quick=arguments.quick) for number in section.numbers]
         if missing:
             report.state = f"Incomplete: {missing} cases are missing. The same command continues where this run ended."
         report.write(arguments.out)

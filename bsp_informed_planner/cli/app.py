@@ -369,8 +369,8 @@ def train(
     model: Annotated[
         str,
         typer.Option(
-            help="heatmap, sequential_regression, segment_cvae, cvae, cvae_shortest_path, path_chains, "
-            "path_chains_without_scene, path_library or gmm."
+            help="heatmap or segment_cvae (for planar robots), path_chains (for arms), path_chains_without_scene, "
+            "sequential_regression, cvae, cvae_shortest_path, path_library or gmm."
         ),
     ] = "heatmap",
     name: Annotated[str | None, typer.Option(help="Of the files; default: family of the problems and model.")] = None,

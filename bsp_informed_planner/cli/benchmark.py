@@ -24,7 +24,11 @@ ModelsOption = Annotated[
 
 @app.callback()
 def about() -> None:
-    """Measure, and compare with what is required. Each ends with one line for each number: it holds or falls short."""
+    """Measure, and compare with what is required.
+
+    Each ends with one line for each number: it holds or falls short. In a --quick run that may be "not told apart": the
+    interval is too wide to say.
+    """
 
 
 @app.command()

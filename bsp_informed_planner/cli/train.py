@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from bsp_informed_planner import __version__
-from bsp_informed_planner.errors import TrainingError
+from bsp_informed_planner.errors import InvalidOptionError, TrainingError
 from bsp_informed_planner.experience.dataset import Experience
 from bsp_informed_planner.experience.gmm_database import PROBLEMS, build_database
 from bsp_informed_planner.experience.trainable_models import MODELS, Training, prepare_training, robot_of
@@ -31,6 +31,8 @@ from bsp_informed_planner.sampling.path_library import PathLibrary
 
 #: The models that are no networks.
 DATABASE, LIBRARY = "gmm", "path_library"
+#: All that can be made from a dataset.
+TRAINED = (*MODELS, LIBRARY, DATABASE)
 #: Paths in a library.
 LIBRARY_PATHS = 8000
 
@@ -75,8 +77,11 @@ def run_train(arguments: TrainArguments) -> int:
     """Train, or go on from the checkpoint in the folder. Returns the exit status: 130 after Ctrl-C.
 
     Raises:
+        InvalidOptionError: if there is no such model; before anything is read.
         DatasetError, TrainingError, InvalidOptionError, ModelError: see `prepare_training`, `train`, `save_model`.
     """
+    if arguments.model not in TRAINED:
+        raise InvalidOptionError("model", arguments.model, f"one of {', '.join(TRAINED)}")
     is_first = os.environ.get("RANK", "0") == "0"
     console = Console(highlight=False, quiet=not is_first, width=None if sys.stdout.isatty() else 160)
     experience = Experience.load(arguments.dataset)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 import threading
@@ -347,11 +348,12 @@ def build_covers(
     nothing = Scene.of([], WorkspaceBounds(-np.ones(3), np.ones(3)), robot.root_frame)
     judge = ExactChecker(robot, nothing)
 
-    def undecided(configurations: FloatArray) -> FloatArray:
+    def undecided(configurations: FloatArray, most: int) -> FloatArray:
         bounds = CollisionBounds(robot, groups, covers())
         verdicts = Verdicts(bounds.checks(nothing)).of_states(configurations)
         open_ones = configurations[verdicts == UNDECIDED]
-        return open_ones[[judge.is_free(configuration) for configuration in open_ones]].reshape(-1, robot.dof)
+        free = (configuration for configuration in open_ones if judge.is_free(configuration))
+        return np.array(list(itertools.islice(free, most))).reshape(-1, robot.dof)
 
     pairs = _without(groups.pairs, clear)
     sharpen_close_pairs(robot, groups, builders, pairs, undecided, sharpening, on_round=step)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -19,6 +20,11 @@ from bsp_informed_planner.scene.pose import FloatArray
 MOST_JOINTS = 3
 # Boxes that are looked at for a pair; those in which no point moves further than this are not halved [m].
 MOST_BOXES, FINEST = 20_000, 1e-3
+# Two meshes with more triangles than this together are heavy. coal says whether they are as close as a margin in 40 s
+# where the margin is large, but how close they are in some hundredths: a box counts as one for each so many of theirs.
+HEAVY, TRIANGLES_A_BOX = 10_000, 1000
+# Room for rounding of distances [m].
+_ROOM = 1e-6
 #: Joints may be that far beyond their limits [rad or m].
 BEYOND_LIMITS = 1e-3
 # A full turn, and a little more [rad].
@@ -66,6 +72,16 @@ class PairProof:
             if (pair.first in members[0] and pair.second in members[1])
             or (pair.first in members[1] and pair.second in members[0])
         ]
+        self._heavy: set[int] = set()
+        boxes = 1.0
+        for index, pair in self._pairs:
+            meshes = [self._collision_model.geometryObjects[item].geometry for item in pair]
+            if all(isinstance(mesh, coal.BVHModelBase) for mesh in meshes):
+                triangles = sum(mesh.num_tris for mesh in meshes)
+                if triangles > HEAVY:
+                    self._heavy.add(index)
+                    boxes += triangles / TRIANGLES_A_BOX
+        self._most_boxes = int(MOST_BOXES / boxes)
         chains = [
             {int(joint) - 1 for joint in self._model.supports[int(groups.joints[group])] if joint > 0}
             for group in (first, second)
@@ -98,7 +114,7 @@ class PairProof:
         if self._touches(configuration, 0.0) or enclosed.find(configuration) is not None:
             return False
         pending = [(self._middle, self._half)]
-        for _ in range(MOST_BOXES):
+        for _ in range(self._most_boxes):
             if not pending:
                 return True
             middle, half = pending.pop()
@@ -118,7 +134,12 @@ class PairProof:
     def _touches(self, configuration: FloatArray, margin: float) -> bool:
         pin.updateGeometryPlacements(self._model, self._data, self._collision_model, self._geometry_data, configuration)
         for index, _ in self._pairs:
-            self._geometry_data.collisionRequests[index].security_margin = margin
-            if pin.computeCollision(self._collision_model, self._geometry_data, index):
+            if index in self._heavy and margin > 0.0:
+                result = pin.computeDistance(self._collision_model, self._geometry_data, index)
+                touches = result.min_distance <= margin + _ROOM
+            else:
+                self._geometry_data.collisionRequests[index].security_margin = margin
+                touches = pin.computeCollision(self._collision_model, self._geometry_data, index)
+            if touches:
                 return True
         return False

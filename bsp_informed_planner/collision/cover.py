@@ -15,7 +15,13 @@ from bsp_informed_planner.collision.cover_kernels import (
     enclosing_ball,
     shrunk_ball,
 )
-from bsp_informed_planner.collision.solid_kernels import CELL_SIZE, cut_into_cells, medial_balls, recut_cells
+from bsp_informed_planner.collision.solid_kernels import (
+    CELL_SIZE,
+    balls_around,
+    cut_into_cells,
+    medial_balls,
+    recut_cells,
+)
 from bsp_informed_planner.collision.solids import Body, Solid
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -150,22 +156,23 @@ class CoverBuilder:
         half = smallest * 2.0 ** max(math.ceil(math.log2(extent / smallest)), 0)
         edges, length = solid.open_edges
         every, middle = np.arange(len(solid.triangles)), 0.5 * (low + high)
-        found = cut_into_cells(solid.triangles, every, edges, length, middle, half, smallest, 4.0 * smallest)
+        found = cut_into_cells(
+            solid.triangles, solid.balls, solid.grid, every, edges, length, middle, half, smallest, 4.0 * smallest
+        )
         return _columns(found, index)
 
     def _medial_balls(self, index: int, cells: FloatArray) -> FloatArray:
         inside = cells[(cells[:, 4] < 0.0) & (cells[:, 6] == index)]
         if not len(inside):
             return np.empty((0, 4))
-        triangles = self._solids[index].outermost
-        if not len(triangles):
-            triangles = self._solids[index].triangles
+        solid = self._solids[index]
+        triangles = solid.outermost if len(solid.outermost) else solid.triangles
         # Enough for any mesh, and bounded in time for a large one.
         count = int(min(len(inside), self._options.medial_samples, 1 + 1_500_000 // len(triangles)))
         # Cells near the surface, which are the smallest, see every part of it.
         weights = 1.0 / inside[:, 3]
         points = inside[self._rng.choice(len(inside), count, replace=False, p=weights / weights.sum()), :3]
-        return medial_balls(np.ascontiguousarray(points), triangles, 1e-4)
+        return medial_balls(np.ascontiguousarray(points), triangles, balls_around(triangles), 1e-4)
 
     def sharpen(self, node: Node, protrusion: float) -> None:
         """`refine`, with cells that are small enough for a protrusion finer than those of the options."""
@@ -177,7 +184,9 @@ class CoverBuilder:
         for index, solid in enumerate(self._solids):
             own = np.ascontiguousarray(node.cells[coarse & (node.cells[:, 6] == index)])
             if len(own):
-                found = recut_cells(own, node.ball, solid.triangles, *solid.open_edges, finest, 4.0 * finest)
+                found = recut_cells(
+                    own, node.ball, solid.triangles, solid.balls, solid.grid, *solid.open_edges, finest, 4.0 * finest
+                )
                 parts.append(_columns(found, index))
         node.cells = np.concatenate(parts)
         node.cells = node.cells[self._rng.permutation(len(node.cells))]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import logging
-import os
-import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from bsp_informed_planner.collision.sharpening import SharpeningOptions
 from bsp_informed_planner.robots.motion_bound import bounding_points, joint_axes
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.user_cache import user_cache
+from bsp_informed_planner.whole_files import write_whole
 
 logger = logging.getLogger(__name__)
 
@@ -95,13 +95,10 @@ def save_covers(key: str, covers: RobotCovers, folder: Path | None = None) -> Pa
         arrays[f"outer_{index}"] = (cover.outer + [0.0, 0.0, 0.0, _SINGLE]).astype(np.float32)
         arrays[f"ends_{index}"] = cover.ends.astype(np.int32)
         arrays[f"inner_{index}"] = (cover.inner - [0.0, 0.0, 0.0, _SINGLE]).astype(np.float32)
+    path, packed = folder / f"{key}.npz", io.BytesIO()
+    np.savez_compressed(packed, allow_pickle=False, **arrays)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(dir=folder, suffix=".part")
-        with os.fdopen(descriptor, "wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-        path = folder / f"{key}.npz"
-        os.replace(temporary, path)
+        write_whole(path, packed.getvalue())
         _forget_oldest(folder)
     except OSError as error:
         logger.warning("covers cannot be kept (%s): they are built at each start", error)

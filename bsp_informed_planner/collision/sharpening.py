@@ -44,8 +44,9 @@ class SharpeningOptions:
     most_leaves: int = 20_000
 
 
-# Tells which of configurations (m, n), free of self-collision, are left undecided by the covers as they are: (k, n).
-Undecided = Callable[[FloatArray], FloatArray]
+# Tells which of configurations (m, n), free of self-collision, are left undecided by the covers as they are: (k, n),
+# the first ones, at most so many as the second argument says: to judge all takes minutes where meshes are large.
+Undecided = Callable[[FloatArray, int], FloatArray]
 
 
 def sharpen_close_pairs(
@@ -76,9 +77,11 @@ def sharpen_close_pairs(
     """
     rng = np.random.default_rng(seed)
     data = robot.model.createData()
+    enough = int(options.enough * options.configurations)
     for _ in range(options.rounds):
-        tried = undecided(rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof)))
-        if len(tried) <= options.enough * options.configurations:
+        configurations = rng.uniform(robot.lower, robot.upper, (options.configurations, robot.dof))
+        tried = undecided(configurations, max(options.most_tried, enough + 1))
+        if len(tried) <= enough:
             break
         tried = tried[: options.most_tried]
         leaves = [builder.leaves() for builder in builders]

@@ -29,6 +29,12 @@ ACROSS = (
 DOUBTFUL = 2
 # Cells of a grid across the rays: at most so many along each side, and entries a triangle.
 MOST_COLUMNS, MOST_ENTRIES = 1024, 32
+# Relative room for rounding of balls around triangles.
+BALL_ROOM = 1e-9
+
+#: Which triangles a ray may meet, see `ray_grid`: the corner (2,) of a grid of columns across the rays, the width of a
+#: column, columns along each side; where the triangles of each column begin among the entries; the entries.
+RayGrid = tuple[Floats, float, int, Indices, Indices]
 
 
 # Rows are copied number by number: an assignment from array to array, with all messages that it could end in, takes
@@ -99,6 +105,58 @@ def distance_to(p: Floats, triangles: Floats, nearest: Floats) -> float:
 
 
 @kernel
+def balls_around(triangles: Floats) -> Floats:
+    """(m, 4) a ball around each triangle, whose centre is a point of it."""
+    balls = np.empty((triangles.shape[0], 4))
+    for i in range(triangles.shape[0]):
+        squared = 0.0
+        for k in range(3):
+            balls[i, k] = (triangles[i, 0, k] + triangles[i, 1, k] + triangles[i, 2, k]) / 3.0
+        for corner in range(3):
+            x, y, z = triangles[i, corner, 0], triangles[i, corner, 1], triangles[i, corner, 2]
+            x, y, z = x - balls[i, 0], y - balls[i, 1], z - balls[i, 2]
+            squared = max(squared, x * x + y * y + z * z)
+        balls[i, 3] = math.sqrt(squared) * (1.0 + BALL_ROOM)
+    return balls
+
+
+@kernel
+def nearest_among(
+    p: Floats, triangles: Floats, balls: Floats, some: Indices, count: int, bounds: Floats, nearest: Floats
+) -> float:
+    """From a point (3,) to the nearest of some triangles; only those are looked at closely whose balls are near.
+
+    Args:
+        p: the point.
+        triangles, balls: (m, 3, 3), (m, 4) of `balls_around`.
+        some, count: the first `count` of them are looked at.
+        bounds: is filled with a lower bound of the distance of each, exact for those that were looked at.
+        nearest: (3,) the nearest point goes here.
+    """
+    reach = np.inf
+    for i in range(count):
+        t = some[i]
+        x, y, z = balls[t, 0] - p[0], balls[t, 1] - p[1], balls[t, 2] - p[2]
+        away = math.sqrt(x * x + y * y + z * z)
+        # The centre is a point of the triangle.
+        reach = min(reach, away)
+        bounds[i] = away - balls[t, 3]
+    reach *= 1.0 + BALL_ROOM
+    found = np.empty(3)
+    best = np.inf
+    for i in range(count):
+        if bounds[i] <= reach:
+            t = some[i]
+            squared = squared_distance(p, triangles[t, 0], triangles[t, 1], triangles[t, 2], found)
+            bounds[i] = math.sqrt(squared)
+            if squared < best:
+                best = squared
+                set_point(nearest, found[0], found[1], found[2])
+                reach = min(reach, bounds[i] * (1.0 + BALL_ROOM))
+    return math.sqrt(best)
+
+
+@kernel
 def solid_angle_winding(p: Floats, triangles: Floats) -> float:
     """How often a surface winds around a point, by the solid angles of Van Oosterom and Strackee (1983)."""
     total = 0.0
@@ -139,15 +197,86 @@ def crossing(p: Floats, triangles: Floats, i: int) -> int:
     return result
 
 
+@kernel(inline="always")
+def along(direction: tuple[float, float, float], x: float, y: float, z: float) -> float:
+    return direction[0] * x + direction[1] * y + direction[2] * z
+
+
 @kernel
-def ray_winding(p: Floats, triangles: Floats) -> float:
-    """How often a closed surface winds around a point, by the crossings of a ray; -1 if that is not certain."""
+def columns_of(triangles: Floats, low: Floats, width: float, count: int, spans: Indices) -> int:
+    """Which columns the rectangle around each triangle, seen along the rays, lies in. Returns how many in all.
+
+    Args:
+        triangles: (m, 3, 3).
+        low, width, count: of the grid of columns, count x count squares: its corner (2,), their edge.
+        spans: (m, 4) is filled with the first and the last column of each, in both directions.
+    """
     total = 0
     for i in range(triangles.shape[0]):
-        crossed = crossing(p, triangles, i)
-        if crossed == DOUBTFUL:
-            return -1.0
-        total += crossed
+        for axis in range(2):
+            least, most = np.inf, -np.inf
+            for corner in range(3):
+                value = along(ACROSS[axis], triangles[i, corner, 0], triangles[i, corner, 1], triangles[i, corner, 2])
+                least, most = min(least, value), max(most, value)
+            # A millionth of a column more, for rounding.
+            spans[i, 2 * axis] = min(max(math.floor((least - low[axis]) / width - 1e-6), 0), count - 1)
+            spans[i, 2 * axis + 1] = min(max(math.floor((most - low[axis]) / width + 1e-6), 0), count - 1)
+        total += (spans[i, 1] - spans[i, 0] + 1) * (spans[i, 3] - spans[i, 2] + 1)
+    return total
+
+
+@kernel
+def ray_grid(triangles: Floats) -> RayGrid:
+    """Which triangles (m, 3, 3) a ray may meet.
+
+    All rays are parallel, so a ray meets only triangles of the column that it is in: a square of a grid across them.
+    """
+    count = triangles.shape[0]
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(count):
+        for corner in range(3):
+            for axis in range(2):
+                value = along(ACROSS[axis], triangles[i, corner, 0], triangles[i, corner, 1], triangles[i, corner, 2])
+                low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
+    # A little more, so that no triangle ends where the grid does.
+    extent = max(high[0] - low[0], high[1] - low[1]) * (1.0 + 1e-6) + 1e-9
+    columns = min(max(int(math.sqrt(count)), 1), MOST_COLUMNS)
+    spans = np.empty((count, 4), np.int64)
+    total = columns_of(triangles, low, extent / columns, columns, spans)
+    while total > MOST_ENTRIES * count and columns > 1:
+        columns //= 2
+        total = columns_of(triangles, low, extent / columns, columns, spans)
+    starts = np.zeros(columns * columns + 1, np.int64)
+    for i in range(count):
+        for x in range(spans[i, 0], spans[i, 1] + 1):
+            for y in range(spans[i, 2], spans[i, 3] + 1):
+                starts[x * columns + y + 1] += 1
+    for place in range(columns * columns):
+        starts[place + 1] += starts[place]
+    filled = starts.copy()
+    entries = np.empty(total, np.int64)
+    for i in range(count):
+        for x in range(spans[i, 0], spans[i, 1] + 1):
+            for y in range(spans[i, 2], spans[i, 3] + 1):
+                entries[filled[x * columns + y]] = i
+                filled[x * columns + y] += 1
+    return low, extent / columns, columns, starts, entries
+
+
+@kernel
+def grid_winding(p: Floats, triangles: Floats, grid: RayGrid) -> float:
+    """How often a surface winds around a point: by the crossings of a ray, or, if these are not certain, by angles."""
+    low, width, columns, starts, entries = grid
+    column = math.floor((along(ACROSS[0], p[0], p[1], p[2]) - low[0]) / width)
+    row = math.floor((along(ACROSS[1], p[0], p[1], p[2]) - low[1]) / width)
+    total = 0
+    if 0 <= column < columns and 0 <= row < columns:
+        place = column * columns + row
+        for entry in range(starts[place], starts[place + 1]):
+            crossed = crossing(p, triangles, entries[entry])
+            if crossed == DOUBTFUL:
+                return solid_angle_winding(p, triangles)
+            total += crossed
     return float(abs(total))
 
 
@@ -171,7 +300,7 @@ def distance_to_edges(p: Floats, edges: Floats) -> float:
 
 @kernel
 def winding_bounds(
-    p: Floats, radius: float, triangles: Floats, open_edges: Floats, open_length: float
+    p: Floats, radius: float, triangles: Floats, grid: RayGrid, open_edges: Floats, open_length: float
 ) -> tuple[float, float]:
     """The least and the greatest winding number in a ball that the surface does not pass through.
 
@@ -179,9 +308,7 @@ def winding_bounds(
     of Biot and Savart for a current along the open edges, is at most their length / (4 pi distance^2).
     """
     if open_edges.shape[0] == 0:
-        winding = ray_winding(p, triangles)
-        if winding < 0.0:
-            winding = solid_angle_winding(p, triangles)
+        winding = grid_winding(p, triangles, grid)
         return winding, winding
     winding = solid_angle_winding(p, triangles)
     clear = distance_to_edges(p, open_edges) - radius
@@ -194,6 +321,8 @@ def winding_bounds(
 @kernel
 def cut_into_cells(
     triangles: Floats,
+    balls: Floats,
+    grid: RayGrid,
     near: Indices,
     open_edges: Floats,
     open_length: float,
@@ -209,6 +338,7 @@ def cut_into_cells(
 
     Args:
         triangles: (m, 3, 3) of the surface [m].
+        balls, grid: of `balls_around` and `ray_grid`.
         near: (l,) the triangles that may be nearest to a point of the first cube.
         open_edges, open_length: (k, 2, 3) edges at which the surface is not closed, and their length, counted as often
             as needed [m].
@@ -242,23 +372,17 @@ def cut_into_cells(
         x, y, z, a = stack[height, 0], stack[height, 1], stack[height, 2], stack[height, 3]
         level, inside = int(stack[height, 4]), stack[height, 5] > 0.5
         set_point(p, x, y, z)
-        best = np.inf
-        for i in range(lengths[level]):
-            t = lists[level, i]
-            squared = squared_distance(p, triangles[t, 0], triangles[t, 1], triangles[t, 2], nearest)
-            distances[i] = squared
-            best = min(best, squared)
-        distance = math.sqrt(best)
+        distance = nearest_among(p, triangles, balls, lists[level], lengths[level], distances, nearest)
         diagonal = HALF_DIAGONAL * a
         pure = distance > diagonal * (1.0 + 1e-9)
         if pure and not inside:
             if open_edges.shape[0] == 0 and level > 0:
                 # The larger cube's centre is a corner of this one, and the surface does not come between.
                 if windings[level - 1] < 0.0:
-                    windings[level - 1] = winding_bounds(centres[level - 1], 0.0, triangles, open_edges, 0.0)[0]
+                    windings[level - 1] = grid_winding(centres[level - 1], triangles, grid)
                 least = greatest = windings[level - 1]
             else:
-                least, greatest = winding_bounds(p, diagonal, triangles, open_edges, open_length)
+                least, greatest = winding_bounds(p, diagonal, triangles, grid, open_edges, open_length)
             if greatest < 0.5:
                 continue
             # Where the winding number is not certain, the cell is covered, but as if it were no deeper than it must.
@@ -273,7 +397,7 @@ def cut_into_cells(
             used += 1
             continue
         # Any point of the cube is at most a diagonal from its centre.
-        limit = (distance + 2.0 * diagonal) ** 2 * (1.0 + 1e-9)
+        limit = (distance + 2.0 * diagonal) * (1.0 + 1e-9)
         kept = 0
         for i in range(lengths[level]):
             if distances[i] <= limit:
@@ -297,19 +421,17 @@ def recut_cells(
     cells: Floats,
     ball: Floats,
     triangles: Floats,
+    balls: Floats,
+    grid: RayGrid,
     open_edges: Floats,
     open_length: float,
     finest: float,
     coarsest: float,
 ) -> Floats:
     """Smaller cells, (m, CELL_SIZE), that cover what a solid shares with each of some cells (n, ...) of a ball."""
-    nearest = np.empty(3)
     distances = np.empty(triangles.shape[0])
-    least = np.inf
-    for t in range(triangles.shape[0]):
-        squared = squared_distance(ball, triangles[t, 0], triangles[t, 1], triangles[t, 2], nearest)
-        distances[t] = math.sqrt(squared)
-        least = min(least, distances[t])
+    every = np.arange(triangles.shape[0])
+    least = nearest_among(ball, triangles, balls, every, triangles.shape[0], distances, np.empty(3))
     # From any point of the ball, the nearest triangle is no further than that of the centre plus the radius.
     limit = (least + 2.0 * ball[3]) * (1.0 + 1e-9)
     near = np.empty(triangles.shape[0], np.int64)
@@ -322,7 +444,9 @@ def recut_cells(
     used = 0
     for i in range(cells.shape[0]):
         half = cells[i, 3]
-        parts = cut_into_cells(triangles, near[:kept], open_edges, open_length, cells[i], half, finest, coarsest)
+        parts = cut_into_cells(
+            triangles, balls, grid, near[:kept], open_edges, open_length, cells[i], half, finest, coarsest
+        )
         while used + parts.shape[0] > result.shape[0]:
             result = doubled(result)
         for k in range(parts.shape[0]):
@@ -352,70 +476,11 @@ def touching_balls(first: Floats, second: Floats, centre: Floats, radius: float)
     return found[:used].copy()
 
 
-@kernel(inline="always")
-def along(direction: tuple[float, float, float], x: float, y: float, z: float) -> float:
-    return direction[0] * x + direction[1] * y + direction[2] * z
-
-
 @kernel
-def columns_of(triangles: Floats, low: Floats, width: float, count: int, spans: Indices) -> int:
-    """Which columns the rectangle around each triangle, seen along the rays, lies in. Returns how many in all.
-
-    Args:
-        triangles: (m, 3, 3).
-        low, width, count: of the grid of columns, count x count squares: its corner (2,), their edge.
-        spans: (m, 4) is filled with the first and the last column of each, in both directions.
-    """
-    total = 0
-    for i in range(triangles.shape[0]):
-        for axis in range(2):
-            least, most = np.inf, -np.inf
-            for corner in range(3):
-                value = along(ACROSS[axis], triangles[i, corner, 0], triangles[i, corner, 1], triangles[i, corner, 2])
-                least, most = min(least, value), max(most, value)
-            # A millionth of a column more, for rounding.
-            spans[i, 2 * axis] = min(max(math.floor((least - low[axis]) / width - 1e-6), 0), count - 1)
-            spans[i, 2 * axis + 1] = min(max(math.floor((most - low[axis]) / width + 1e-6), 0), count - 1)
-        total += (spans[i, 1] - spans[i, 0] + 1) * (spans[i, 3] - spans[i, 2] + 1)
-    return total
-
-
-@kernel
-def is_outermost(triangles: Floats, offset: float) -> NDArray[np.bool_]:
-    """(m,) for which triangles a point close to it is outside of the solid: only some points are looked at.
-
-    All rays are parallel, so a ray meets only triangles of the column that it is in: a square of a grid across them.
-    """
+def is_outermost(triangles: Floats, grid: RayGrid, offset: float) -> NDArray[np.bool_]:
+    """(m,) for which triangles a point close to it is outside of the solid: only some points are looked at."""
     count = triangles.shape[0]
     found = np.zeros(count, np.bool_)
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for i in range(count):
-        for corner in range(3):
-            for axis in range(2):
-                value = along(ACROSS[axis], triangles[i, corner, 0], triangles[i, corner, 1], triangles[i, corner, 2])
-                low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
-    extent = max(high[0] - low[0], high[1] - low[1]) + offset
-    columns = min(max(int(math.sqrt(count)), 1), MOST_COLUMNS)
-    spans = np.empty((count, 4), np.int64)
-    total = columns_of(triangles, low, extent / columns, columns, spans)
-    while total > MOST_ENTRIES * count and columns > 1:
-        columns //= 2
-        total = columns_of(triangles, low, extent / columns, columns, spans)
-    width = extent / columns
-    starts = np.zeros(columns * columns + 1, np.int64)
-    for i in range(count):
-        for x in range(spans[i, 0], spans[i, 1] + 1):
-            for y in range(spans[i, 2], spans[i, 3] + 1):
-                starts[x * columns + y + 1] += 1
-    for place in range(columns * columns):
-        starts[place + 1] += starts[place]
-    filled = starts.copy()
-    entries = np.empty(total, np.int64)
-    for i in range(count):
-        for x in range(spans[i, 0], spans[i, 1] + 1):
-            for y in range(spans[i, 2], spans[i, 3] + 1):
-                entries[filled[x * columns + y]] = i
-                filled[x * columns + y] += 1
     p = np.empty(3)
     for i in range(count):
         a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
@@ -435,18 +500,7 @@ def is_outermost(triangles: Floats, offset: float) -> NDArray[np.bool_]:
                 for k in range(3):
                     step = nx if k == 0 else (ny if k == 1 else nz)
                     p[k] = (1.0 - share) * (a[k] + b[k] + c[k]) / 3.0 + share * own[k] + shift * step
-                column = math.floor((along(ACROSS[0], p[0], p[1], p[2]) - low[0]) / width)
-                row = math.floor((along(ACROSS[1], p[0], p[1], p[2]) - low[1]) / width)
-                winding, certain = 0, True
-                if 0 <= column < columns and 0 <= row < columns:
-                    place = column * columns + row
-                    for entry in range(starts[place], starts[place + 1]):
-                        crossed = crossing(p, triangles, entries[entry])
-                        certain = crossed != DOUBTFUL
-                        if not certain:
-                            break
-                        winding += crossed
-                found[i] = winding == 0 if certain else solid_angle_winding(p, triangles) < 0.5
+                found[i] = grid_winding(p, triangles, grid) < 0.5
     return found
 
 
@@ -457,20 +511,27 @@ def move_along(start: Floats, length: float, direction: Floats, target: Floats) 
 
 
 @kernel
-def medial_balls(points: Floats, triangles: Floats, tolerance: float) -> Floats:
+def medial_balls(points: Floats, triangles: Floats, balls_of: Floats, tolerance: float) -> Floats:
     """The largest balls inside a solid that touch its surface where it is nearest to given inner points.
 
     From the surface's nearest point through the inner point, the centre is pushed on for as long as the surface stays
     no nearer (cf. Ma, Bae, Choi, "3D medial axis point approximation using nearest neighbors and the normal field",
     2012).
 
+    Args:
+        points: (k, 3) inside.
+        triangles, balls_of: (m, 3, 3) of the surface, and `balls_around` them.
+        tolerance: of radii [m].
+
     Returns:
         (k, 4) centres and distances from the surface [m].
     """
     balls = np.empty((points.shape[0], 4))
     nearest, other, tried, direction = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    count = triangles.shape[0]
+    every, bounds = np.arange(count), np.empty(count)
     for i in range(points.shape[0]):
-        first = distance_to(points[i], triangles, nearest)
+        first = nearest_among(points[i], triangles, balls_of, every, count, bounds, nearest)
         set_point(balls[i], points[i, 0], points[i, 1], points[i, 2])
         balls[i, 3] = first
         if first <= 0.0:
@@ -480,7 +541,7 @@ def medial_balls(points: Floats, triangles: Floats, tolerance: float) -> Floats:
         low, high = first, 2.0 * first
         while high < 1e3:
             move_along(nearest, high, direction, tried)
-            if distance_to(tried, triangles, other) < high - tolerance:
+            if nearest_among(tried, triangles, balls_of, every, count, bounds, other) < high - tolerance:
                 break
             low, high = high, 2.0 * high
         for _ in range(12):
@@ -488,10 +549,10 @@ def medial_balls(points: Floats, triangles: Floats, tolerance: float) -> Floats:
                 break
             middle = 0.5 * (low + high)
             move_along(nearest, middle, direction, tried)
-            if distance_to(tried, triangles, other) >= middle - tolerance:
+            if nearest_among(tried, triangles, balls_of, every, count, bounds, other) >= middle - tolerance:
                 low = middle
             else:
                 high = middle
         move_along(nearest, low, direction, balls[i])
-        balls[i, 3] = distance_to(balls[i], triangles, other)
+        balls[i, 3] = nearest_among(balls[i], triangles, balls_of, every, count, bounds, other)
     return balls

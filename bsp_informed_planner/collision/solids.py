@@ -11,7 +11,14 @@ import numpy as np
 import pinocchio as pin
 
 from bsp_informed_planner.collision.enclosure import triangle_corners
-from bsp_informed_planner.collision.solid_kernels import distance_to, is_outermost, winding_bounds
+from bsp_informed_planner.collision.solid_kernels import (
+    RayGrid,
+    balls_around,
+    distance_to,
+    is_outermost,
+    ray_grid,
+    winding_bounds,
+)
 from bsp_informed_planner.scene.convex_polytope import ConvexPolytope, box_polytope, hull_polytope
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -48,7 +55,17 @@ class Solid:
     @cached_property
     def outermost(self) -> FloatArray:
         """(k, 3, 3) triangles between inside and outside, and perhaps some more: meshes often have parts inside."""
-        return np.ascontiguousarray(self.triangles[is_outermost(self.triangles, 1e-5)])
+        return np.ascontiguousarray(self.triangles[is_outermost(self.triangles, self.grid, 1e-5)])
+
+    @cached_property
+    def balls(self) -> FloatArray:
+        """(m, 4) balls around the triangles."""
+        return balls_around(self.triangles)
+
+    @cached_property
+    def grid(self) -> RayGrid:
+        """Of the triangles."""
+        return ray_grid(self.triangles)
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -65,7 +82,7 @@ class Solid:
         """Whether a ball is in the body for certain: in the solid, further than the gap from its surface."""
         if distance_to(centre, self.triangles, np.empty(3)) < radius + self.gap:
             return False
-        return winding_bounds(centre, radius, self.triangles, *self.open_edges)[0] > 0.5
+        return winding_bounds(centre, radius, self.triangles, self.grid, *self.open_edges)[0] > 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,6 +137,7 @@ def prepare_training(
 def _heatmap(
     model: TrainableModel, training: Experience, validation: Experience, seed: int, report: Report
 ) -> Training:
+    _require_planar(training, model.kind)
     targets = HeatmapTargets()
     encoding = PlanarDistances(64)
     architecture = {"cells": encoding.cells // 2, "channels": [32, 64, 96], "embedding": 64, "attention": 2}
@@ -329,8 +330,10 @@ def _is_planar(experience: Experience) -> bool:
 
 def _require_planar(experience: Experience, kind: str) -> None:
     if not _is_planar(experience):
-        found = f"a robot of {experience.dof} joints"
-        raise DatasetMismatchError(str(experience.folder), f"model {kind}", found, "a planar one of 2 joints")
+        robot = experience.description.robot
+        found = f"'{robot.name}' with {experience.dof} joints"
+        expected = f"a planar robot, which '{kind}' is for; for arms there is '{PATH_CHAINS}'"
+        raise DatasetMismatchError(str(experience.folder), f"model '{kind}'", found, expected)
 
 
 _ONLY_LIKE_ITS_DATA = (

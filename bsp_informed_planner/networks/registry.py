@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import nn
 
 from bsp_informed_planner.errors import BspPlannerError, ModelError
@@ -18,6 +18,7 @@ from bsp_informed_planner.networks.keypoint_heatmap import KeypointHeatmap
 from bsp_informed_planner.networks.keypoint_regression import KeypointRegression
 from bsp_informed_planner.networks.path_chains import PathChains
 from bsp_informed_planner.networks.runtime import limit_threads
+from bsp_informed_planner.whole_files import write_whole
 
 #: Classes of networks by the kind in their cards; architectures are their arguments.
 KINDS: dict[str, type[nn.Module]] = {
@@ -71,13 +72,9 @@ def save_model(network: nn.Module, card: ModelCard, folder: Path) -> Path:
     """
     path = folder / f"{card.name}.safetensors"
     weights = {name: tensor.detach().cpu().half().contiguous() for name, tensor in network.state_dict().items()}
-    temporary = path.with_suffix(".tmp")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        save_file(weights, temporary)
-        temporary.replace(path)
+        write_whole(path, save(weights))
     except (OSError, SafetensorError) as error:
-        temporary.unlink(missing_ok=True)
         raise ModelError(str(path), f"cannot be written: {error}") from error
     count = sum(parameter.numel() for parameter in network.parameters())
     replace(card, parameters=count).write(path.with_suffix(".json"))

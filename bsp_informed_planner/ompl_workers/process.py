@@ -14,6 +14,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -48,6 +49,8 @@ STOP_SECONDS = 0.01
 LATE_SECONDS = 0.1
 #: How long an idle worker may take to end by itself [s].
 CLOSE_SECONDS = 0.5
+#: A search gets back the time for which it waits until its worker has started, but no more than this [s].
+START_SECONDS = 20.0
 #: A worker is replaced after so many searches: the bindings do not give all memory back.
 MOST_SEARCHES = 500
 
@@ -127,14 +130,17 @@ class OmplProcess:
         request: OmplRequest,
         cancelled: Callable[[], bool],
         on_path: Callable[[FloatArray], bool],
+        on_start: Callable[[float], None] = lambda seconds: None,
     ) -> OmplCounts | None:
-        """Run a search.
+        """Run a search. Its deadline is put off by the time that the process takes to get ready.
 
         Args:
             scene: to check against.
             request: what to search.
             cancelled: asked every few milliseconds; True ends the search.
             on_path: is given each path (m, n) that is better than those before; True: that is enough.
+            on_start: is told by how much the deadline is put off [s], at most `START_SECONDS`; not called if the
+                process was ready.
 
         Returns:
             what was done; None if the time was over before the process was ready, which then goes on loading, or if it
@@ -146,10 +152,14 @@ class OmplProcess:
         """
         try:
             if not self._is_ready:
-                message = self._receive(request, cancelled, request.deadline)
+                begin = time.monotonic()
+                message = self._receive(request, cancelled, request.deadline + START_SECONDS)
+                late = min(time.monotonic() - begin, START_SECONDS)
+                on_start(late)
                 if message is None:
                     return None
                 self._is_ready = isinstance(message, Ready)
+                request = replace(request, deadline=request.deadline + late)
             if self.scene is not scene:
                 self._connection.send(UseScene(scene))
                 self.scene = scene
@@ -278,6 +288,7 @@ class OmplWorkers:
         request: OmplRequest,
         cancelled: Callable[[], bool],
         on_path: Callable[[FloatArray], bool],
+        on_start: Callable[[float], None] = lambda seconds: None,
     ) -> OmplCounts | None:
         """See `OmplProcess.solve`.
 
@@ -286,7 +297,7 @@ class OmplWorkers:
         """
         process = self._take(request.planner_id, scene)
         try:
-            return process.solve(scene, request, cancelled, on_path)
+            return process.solve(scene, request, cancelled, on_path, on_start)
         finally:
             self._give_back(process)
 

@@ -1,6 +1,8 @@
-"""Random problems for any robot: boxes where its tool gets to, and two free configurations."""
+"""Random problems for any robot that have a solution: boxes where its tool gets to, and a way between them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +14,13 @@ from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import Box
 
-_REACH_SAMPLES, _STATE_TRIES, _SCENES = 300, 400, 20
+_REACH_SAMPLES, _STATE_TRIES = 300, 400
+# Ways that are tried, and states that are looked at on each of their two parts.
+_WAYS, _STATES = 40, 60
+# States of the straight line from start to goal, which boxes are to block.
+_LINE = 30
+# This many times as many boxes are tried as there are to be.
+_TRIES = 8
 # The workspace is larger than the box of the tool's positions by this share of its longest edge, on each side.
 _MARGIN = 0.25
 # Edges of the boxes, as shares of the longest edge of the box of the tool's positions.
@@ -20,9 +28,12 @@ _SIZES = (0.06, 0.16)
 
 
 def random_box_problem(robot: Robot, rng: np.random.Generator, boxes: int = 8) -> ScenarioProblem:
-    """Boxes at random places that the tool can get to, and a free start and goal.
+    """Boxes at random places that the tool can get to, and a free start and goal, with a way from one to the other.
 
-    Boxes that touch the robot in the start are not made. Whether a path connects start and goal is not looked at.
+    The way is straight from the start to some configuration and from there to the goal, and boxes that touch the robot
+    on it are not made: at the states that are looked at, and mostly between them. The straight line from start to goal
+    is blocked by a box, where one of those that are tried does that. Only if the robot has hardly any way free of
+    self-collision, start and goal alone are kept free.
 
     Args:
         robot: any.
@@ -37,25 +48,47 @@ def random_box_problem(robot: Robot, rng: np.random.Generator, boxes: int = 8) -
     longest = float((upper - lower).max())
     bounds = WorkspaceBounds(lower - _MARGIN * longest, upper + _MARGIN * longest)
     alone = ExactChecker(robot, Scene.of([], bounds, robot.root_frame))
-    for _ in range(_SCENES):
-        start = _free_state(robot, alone, rng)
-        if start is None:
+    way = _free_way(robot, alone, rng)
+    if way is None:
+        raise PlanningFailedError(f"robot '{robot.name}': hardly any configuration is free of collision")
+    line = np.linspace(way[0], way[-1], _LINE)
+    spare: list[Obstacle] = []
+    obstacles: list[Obstacle] = []
+    blocked = False
+    for place in rng.uniform(lower, upper, (_TRIES * boxes, 3)):
+        size = longest * rng.uniform(*_SIZES, 3)
+        obstacle = Obstacle.of("box", Box(size), Pose.from_xyz_rpy(place, [0, 0, rng.uniform(0, 3)]))
+        checker = ExactChecker(robot, Scene.of([obstacle], bounds, robot.root_frame))
+        if not all(checker.is_free(state) for state in way):
+            continue
+        if not blocked and not all(checker.is_free(state) for state in line):
+            blocked = True
+            obstacles.append(obstacle)
+        else:
+            spare.append(obstacle)
+        if blocked and len(obstacles) + len(spare) >= boxes:
             break
-        obstacles: list[Obstacle] = []
-        for place in rng.uniform(lower, upper, (4 * boxes, 3)):
-            size = longest * rng.uniform(*_SIZES, 3)
-            obstacle = Obstacle.of(
-                f"box_{len(obstacles)}", Box(size), Pose.from_xyz_rpy(place, [0, 0, rng.uniform(0, 3)])
-            )
-            if ExactChecker(robot, Scene.of([obstacle], bounds, robot.root_frame)).is_free(start):
-                obstacles.append(obstacle)
-            if len(obstacles) == boxes:
-                break
-        scene = Scene.of(obstacles, bounds, robot.root_frame)
-        goal = _free_state(robot, ExactChecker(robot, scene), rng)
-        if goal is not None:
-            return ScenarioProblem(scene, start, (goal,), description=f"among {len(obstacles)} boxes")
-    raise PlanningFailedError(f"robot '{robot.name}': hardly any configuration is free of collision")
+    obstacles = (obstacles + spare)[:boxes]
+    named = [replace(obstacle, id=f"box_{index}") for index, obstacle in enumerate(obstacles)]
+    scene = Scene.of(named, bounds, robot.root_frame)
+    return ScenarioProblem(scene, way[0], (way[-1],), description=f"among {len(named)} boxes")
+
+
+def _free_way(robot: Robot, alone: ExactChecker, rng: np.random.Generator) -> FloatArray | None:
+    """(m, n) free states on a way from one to another, around a corner; if none is found, two free states."""
+    free: FloatArray | None = None
+    for _ in range(_WAYS):
+        states = [_free_state(robot, alone, rng) for _ in range(3)]
+        corners = np.array([state for state in states if state is not None])
+        if len(corners) < 3:
+            break
+        free = corners[[0, 2]] if free is None else free
+        way = np.concatenate(
+            [np.linspace(corners[0], corners[1], _STATES), np.linspace(corners[1], corners[2], _STATES)]
+        )
+        if all(alone.is_free(state) for state in way):
+            return way
+    return free
 
 
 def _free_state(robot: Robot, checker: ExactChecker, rng: np.random.Generator) -> FloatArray | None:

@@ -76,6 +76,10 @@ class Budget:
             self.valid_samples += valid_samples
             self.edges_checked += edges
 
+    def extend(self, seconds: float) -> None:
+        """Give back time that was spent on something else than planning: `elapsed` holds it all the same [s]."""
+        self._end += seconds
+
     def end(self) -> None:
         """Nothing is left from now on: for all threads, when one of them has failed."""
         self._end = self._begin

@@ -53,7 +53,7 @@ class OmplPathSearch:
         self._rng = rng
 
     def run(self, last: BoundedChecker, start: FloatArray, goals: FloatArray) -> FloatArray | None:
-        """Search until the planner is done or the budget is spent.
+        """Search until the planner is done or the budget is spent. The start of a worker process is given back to it.
 
         Args:
             last: the last check of paths.
@@ -89,7 +89,9 @@ class OmplPathSearch:
                 simplify=self._options.ompl_simplify,
                 first_solution=self._options.first_solution,
             )
-            counts = self._workers.solve(self._scene, request, self._is_cancelled, lambda path: self._take(path, last))
+            counts = self._workers.solve(
+                self._scene, request, self._is_cancelled, lambda path: self._take(path, last), self._budget.extend
+            )
             if counts is not None:
                 self._budget.charge(0, 0, counts.edges)
         return self._search.incumbent.path

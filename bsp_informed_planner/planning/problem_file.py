@@ -34,6 +34,7 @@ from bsp_informed_planner.robots.reference import ArmReference, PointReference, 
 from bsp_informed_planner.scene.scene import Scene
 from bsp_informed_planner.scene.yaml_io import dump_yaml, pose_content, pose_from_node, scene_content, scene_from_node
 from bsp_informed_planner.scene.yaml_node import YamlNode, parse_yaml, read_text
+from bsp_informed_planner.whole_files import write_whole
 
 FORMAT = "bsp_informed_planner/problem/1"
 
@@ -90,10 +91,7 @@ def save_recorded_problem(path: str | Path, recorded: RecordedProblem) -> None:
     Raises:
         OSError: if the file cannot be written.
     """
-    path = Path(path)
-    unfinished = path.with_name(path.name + ".part")
-    unfinished.write_text(recorded_problem_to_yaml(recorded), encoding="utf-8")
-    unfinished.replace(path)
+    write_whole(Path(path), recorded_problem_to_yaml(recorded).encode())
 
 
 def load_recorded_problem(path: str | Path) -> RecordedProblem:

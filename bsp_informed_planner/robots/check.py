@@ -17,9 +17,9 @@ from bsp_informed_planner.robots.description import COMPOUND, XmlSource
 from bsp_informed_planner.robots.findings import (
     geometry_findings,
     joint_findings,
-    joint_must_be_held,
+    joints_must_be_held,
     kinematics_findings,
-    mesh_is_missing,
+    missing_meshes,
     self_collision_findings,
     tip_findings,
 )
@@ -49,11 +49,13 @@ class CheckOptions:
         samples: configurations that self-collision is looked for in.
         poses: for inverse kinematics.
         seed: of both.
+        proposes_srdf: whether a finding says how to get an SRDF; not where one is being written anyway.
     """
 
     samples: int = 10_000
     poses: int = 200
     seed: int = 0
+    proposes_srdf: bool = True
 
 
 def check_robot(
@@ -86,19 +88,24 @@ def check_robot(
     except BspPlannerError as error:
         return RobotReport("", findings=(Finding(Severity.ERROR, "description", str(error)),)), None
     report = RobotReport(survey.name, surveyed=survey.joints)
+    unusable = []
     for joint in survey.joints:
         if joint.held is None and (joint.mimics or joint.kind in COMPOUND) and joint.kind != "fixed":
-            findings.append(joint_must_be_held(joint))
+            unusable.append(joint)
             name, _, value = joint.lock.partition("=")
             locked.setdefault(name, float(value))
     missing = [body.problem for body in survey.bodies if body.problem]
-    findings += [Finding(Severity.ERROR, "geometry", mesh_is_missing(problem)) for problem in missing]
+    findings += joints_must_be_held(unusable) + missing_meshes(survey.bodies)
+    tell = on_progress or _nobody
+    tell("loading", 0, 1)
     try:
         robot = load_arm(urdf, srdf, package_dirs, tool_frame, locked)
     except BspPlannerError as error:
         if str(error) not in missing:
             findings.append(Finding(Severity.ERROR, "description", str(error)))
         return replace(report, findings=worst_first(findings)), None
+    finally:
+        tell("loading", 1, 1)
 
     joints, bodies = _joints(robot, survey), _bodies(robot)
     findings += joint_findings(robot, joints) + geometry_findings(robot, survey, bodies)
@@ -106,7 +113,7 @@ def check_robot(
         findings += tip_findings(robot, survey)
     rng = np.random.default_rng(options.seed)
     reach = _reach(robot, rng)
-    kinematics = _inverse_kinematics(robot, options.poses, rng, on_progress)
+    kinematics = _inverse_kinematics(robot, options.poses, rng, tell)
     findings += kinematics_findings(robot, kinematics)
     self_collision = None
     if bodies:
@@ -114,9 +121,9 @@ def check_robot(
             robot,
             options.samples,
             rng,
-            None if on_progress is None else lambda done, total: on_progress("self-collision", done, total),
+            lambda done, total: tell("self-collision", done, total),
         )
-        findings += self_collision_findings(self_collision, srdf is not None)
+        findings += self_collision_findings(self_collision, srdf is None and options.proposes_srdf)
     report = replace(
         report,
         root_frame=robot.root_frame,
@@ -130,6 +137,10 @@ def check_robot(
         findings=worst_first(findings),
     )
     return report, robot
+
+
+def _nobody(part: str, done: int, total: int) -> None:
+    """Told of progress where nobody wants to know."""
 
 
 def _joints(robot: ArmRobot, survey: Survey) -> tuple[JointReport, ...]:
@@ -183,19 +194,19 @@ def _reach(robot: ArmRobot, rng: np.random.Generator) -> ReachReport:
 
 
 def _inverse_kinematics(
-    robot: ArmRobot, poses: int, rng: np.random.Generator, on_progress: Callable[[str, int, int], None] | None
+    robot: ArmRobot, poses: int, rng: np.random.Generator, on_progress: Callable[[str, int, int], None]
 ) -> InverseKinematicsReport:
     moving = [robot.joint_names.index(name) for name in robot.joints_moving()]
     configurations = rng.uniform(robot.lower, robot.upper, (poses, robot.dof))
     targets = np.array([robot.forward_matrix(configuration) for configuration in configurations])
+    on_progress("inverse kinematics", 0, poses)
     robot.inverse_kinematics_batch(targets[:1])  # the solver is made with the first
     solved = recovered = solutions = 0
     begin = time.perf_counter()
     answers = []
     for done, target in enumerate(targets, start=1):
         answers += robot.inverse_kinematics_batch(target[None])
-        if on_progress is not None:
-            on_progress("inverse kinematics", done, poses)
+        on_progress("inverse kinematics", done, poses)
     seconds = time.perf_counter() - begin
     for configuration, target, answer in zip(configurations, targets, answers, strict=True):
         right = [row for row in answer if np.abs(robot.forward_matrix(row) - target).max() < 1e-5]

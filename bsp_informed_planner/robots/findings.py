@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 
 from bsp_informed_planner.robots.arm import DEFAULT_ACCELERATION_LIMIT, DEFAULT_VELOCITY_LIMIT, ArmRobot
 from bsp_informed_planner.robots.report import (
@@ -14,7 +15,7 @@ from bsp_informed_planner.robots.report import (
     Severity,
 )
 from bsp_informed_planner.robots.self_collision import PairKind, SelfCollisionReport
-from bsp_informed_planner.robots.survey import JointSurvey, Survey
+from bsp_informed_planner.robots.survey import BodySurvey, JointSurvey, Survey
 
 # Meshes beyond it are meant to be looked at; checks with them are slow.
 MANY_TRIANGLES = 5000
@@ -28,24 +29,43 @@ OFTEN_SHARE = 0.2
 _FINGER = re.compile("grip|finger|jaw|thumb|hand", re.IGNORECASE)
 
 
-def joint_must_be_held(joint: JointSurvey) -> Finding:
-    """Of a joint that cannot be planned for, and is not held."""
-    if joint.mimics:
-        why = (
-            f"mimics '{joint.mimics}', and joints that move together as one are not supported: hold that one, and this "
-            f"follows it: --lock {joint.lock}"
+def joints_must_be_held(joints: Sequence[JointSurvey]) -> list[Finding]:
+    """Of joints that cannot be planned for, and are not held; those that mimic the same one are told of together."""
+    sentences = []
+    followers: dict[str, list[JointSurvey]] = {}
+    for joint in joints:
+        if joint.mimics:
+            followers.setdefault(joint.lock, []).append(joint)
+        else:
+            sentences.append(
+                f"joint '{joint.name}' is {joint.kind}, which moves in more than one way: hold it where its parent "
+                f"'{joint.parent}' is, with --lock {joint.lock}, or plan in a URDF that begins at '{joint.child}'"
+            )
+    for lock, group in followers.items():
+        names = ", ".join(f"'{joint.name}'" for joint in group)
+        one = len(group) == 1
+        leader = group[0].mimics if one else lock.partition("=")[0]
+        sentences.append(
+            f"{f'joint {names} mimics' if one else f'{len(group)} joints ({names}) mimic'} '{leader}', and joints that "
+            f"move together as one are not supported: hold that one, and {'this follows' if one else 'these follow'} "
+            f"it: --lock {lock}"
         )
-    else:
-        why = (
-            f"is {joint.kind}, which moves in more than one way: hold it where its parent '{joint.parent}' is, with "
-            f"--lock {joint.lock}, or plan in a URDF that begins at '{joint.child}'"
-        )
-    return Finding(Severity.ERROR, "joints", f"joint '{joint.name}' {why}")
+    return [Finding(Severity.ERROR, "joints", sentence) for sentence in sentences]
 
 
-def mesh_is_missing(problem: str) -> str:
-    """The sentence about a collision mesh that cannot be found."""
-    return f"{problem}; name the folder that holds its package by --package-dir"
+def missing_meshes(bodies: Sequence[BodySurvey]) -> list[Finding]:
+    """Of collision meshes that cannot be found: the first one of each package, and how many more there are."""
+    packages: dict[str, list[BodySurvey]] = {}
+    for body in bodies:
+        if body.problem:
+            packages.setdefault(body.file.partition("://")[2].partition("/")[0] or body.file, []).append(body)
+    findings = []
+    for package, group in packages.items():
+        more = len(group) - 1
+        others = f"; so it is with {more} more of '{package}'" if more else ""
+        sentence = f"{group[0].problem}{others}; name the folder that holds its package by --package-dir"
+        findings.append(Finding(Severity.ERROR, "geometry", sentence))
+    return findings
 
 
 def tip_findings(robot: ArmRobot, survey: Survey) -> list[Finding]:
@@ -199,8 +219,8 @@ def kinematics_findings(robot: ArmRobot, report: InverseKinematicsReport) -> lis
     return findings
 
 
-def self_collision_findings(report: SelfCollisionReport, has_srdf: bool) -> list[Finding]:
-    """Of pairs of links that should be exempt, or should not."""
+def self_collision_findings(report: SelfCollisionReport, proposes_srdf: bool) -> list[Finding]:
+    """Of pairs of links that should be exempt, or should not; an SRDF for those that never collide may be proposed."""
     findings = []
     topic = "self-collision"
 
@@ -254,7 +274,7 @@ def self_collision_findings(report: SelfCollisionReport, has_srdf: bool) -> list
                 "that; take their <disable_collisions> out unless you know why they are there",
             )
         )
-    if not has_srdf and report.of_kind(PairKind.NEVER):
+    if proposes_srdf and report.of_kind(PairKind.NEVER):
         count = len(report.of_kind(PairKind.NEVER))
         findings.append(
             Finding(

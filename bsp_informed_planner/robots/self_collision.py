@@ -128,7 +128,7 @@ def sample_self_collisions(
         ever |= found
         if done <= samples:
             hits[done - 1] = found
-        if on_progress is not None and done % 100 == 0:
+        if on_progress is not None and (done % 100 == 0 or done == total):
             on_progress(done, total)
 
     shares = hits.mean(axis=0) if samples else at_zero.astype(np.float64)

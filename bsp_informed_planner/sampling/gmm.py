@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 
 from bsp_informed_planner.collision.checker import CollisionChecker
 from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailableError, ModelError
@@ -23,6 +23,7 @@ from bsp_informed_planner.sampling.guide import GuideSetting
 from bsp_informed_planner.sampling.local_primitives import LocalPrimitives
 from bsp_informed_planner.sampling.models import find_card, read_once
 from bsp_informed_planner.scene.pose import FloatArray, frozen_array
+from bsp_informed_planner.whole_files import write_whole
 
 SAMPLER_ID = "gmm"
 
@@ -149,8 +150,7 @@ class PrimitiveDatabase:
             "waypoints": self.waypoints.astype(np.float16),
         }
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            save_file(arrays, path)
+            write_whole(path, save(arrays))
         except (OSError, SafetensorError) as error:
             raise ModelError(str(path), f"cannot be written: {error}") from error
         replace(card, inputs=asdict(self.options)).write(path.with_suffix(".json"))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 from scipy.spatial import KDTree
 
 from bsp_informed_planner.collision.checker import CollisionChecker
@@ -29,6 +29,7 @@ from bsp_informed_planner.sampling.path_chain_guide import lifted
 from bsp_informed_planner.sampling.path_shapes import path_of, shape_of
 from bsp_informed_planner.sampling.tube import TubeSampler, tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
+from bsp_informed_planner.whole_files import write_whole
 
 SAMPLER_ID = "path_library"
 #: Waypoints of a stored path between its ends.
@@ -145,8 +146,7 @@ class PathLibrary:
             shapes = np.concatenate((self._shapes, *(item[1][None] for item in self._waiting)))
         arrays = {"ends": ends.astype(np.float16), "shapes": shapes.astype(np.float16)}
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            save_file(arrays, path)
+            write_whole(path, save(arrays))
         except (OSError, SafetensorError) as error:
             raise ModelError(str(path), f"cannot be written: {error}") from error
         replace(card, inputs={"capacity": self._capacity}).write(path.with_suffix(".json"))

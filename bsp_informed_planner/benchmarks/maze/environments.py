@@ -156,6 +156,7 @@ def _claims(where: str, runs: Mapping[str, Runs], section: Section, rng: np.rand
                     RequiredNumber(
                         f"{where}: {what} relative to {title}'s", pair[0].value / pair[1].value, "at most", 1.0,
                         remark=f"({pair[0].text()} against {pair[1].text()} of uniform's, {intervals(*pair)})",
+                        apart=apart(*pair) or apart(*reversed(pair)),
                     )
                 )  # fmt: skip
     if not table:
