@@ -57,6 +57,19 @@ def test_plan_speaks_and_draws(maze_file: Path, tmp_path: Path) -> None:
         assert "collides with" in result.output
 
 
+def test_a_value_that_an_option_does_not_take_is_refused_in_one_sentence() -> None:
+    result = runner.invoke(app, ["nodes", "--robot", "ur6"])
+    assert result.exit_code == 2
+    assert "Invalid value for '--robot': 'ur6' is not one of 'ur5', 'point'" in result.stderr
+
+
+def test_a_sampler_without_a_model_is_warned_of(maze_file: Path) -> None:
+    options = ["--robot", "point", "--seed", "1", "--first", "--sampler-id", "learned"]
+    result = runner.invoke(app, ["plan", str(maze_file), *options, "--models", str(maze_file.parent)])
+    assert result.exit_code == 0, result.output
+    assert "warning: learned: no model of kind" in result.stderr
+
+
 def test_bad_problems_are_sentences(maze_file: Path) -> None:
     result = runner.invoke(app, ["plan", str(maze_file), "--robot", "point", "--goal", "5,5", "--json"])
     assert result.exit_code == 2

@@ -12,7 +12,7 @@ import pytest
 from bsp_informed_planner_msgs.msg import PlanRequest
 from bsp_informed_planner_msgs.srv import EstimateKeypoints, GetPlannerInfo
 from sensor_msgs.msg import JointState
-from suite import PATIENCE, Suite, gap_scene, point_request, running_suite, spin_until
+from suite import PATIENCE, Suite, gap_scene, point_request, running_suite, spin_until, until
 
 from bsp_informed_planner.networks.card import SHIPPED
 from bsp_informed_planner.nodes.decomposition_node import DecompositionNode
@@ -120,6 +120,25 @@ def test_another_model_serves_if_there_is_none_for_the_robot(tmp_path: Path) -> 
         planner._on_get_planner_info(GetPlannerInfo.Request(), lambda made: setattr(info, "models", made.models))
         assert "keypoint_tube" in info.models
         assert "learned" not in info.models
+
+
+def test_a_default_sampler_without_a_model_is_found_out_by_an_easy_plan(tmp_path: Path) -> None:
+    with running_suite("point") as suite:
+        suite.add(DecompositionNode)
+        suite.add(InferenceNode, model_folder=str(tmp_path))
+        planner = suite.add(PlannerNode, sampler_id="learned")
+        client = suite.client()
+        client.wait_for_nodes(PATIENCE)
+        client.publish_scene(gap_scene(0.8), PATIENCE)
+        suite.settle(client)
+
+        def is_known() -> bool:
+            response = client.plan(point_request((0.2, 0.5)), PATIENCE)
+            assert response.error_code == ErrorCode.SUCCESS, response.message
+            assert response.fallback_reason == ""
+            return ("point", "learned") in planner._without_model
+
+        until(is_known)
 
 
 def test_a_default_model_that_is_not_there_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -14,6 +14,7 @@ from bsp_informed_planner import __version__
 from bsp_informed_planner.cli.benchmark import ModelsOption, QuickOption, SeedOption
 from bsp_informed_planner.cli.benchmark import app as benchmark_app
 from bsp_informed_planner.cli.measuring import as_text, measure
+from bsp_informed_planner.cli.plain_errors import PlainErrors
 from bsp_informed_planner.cli.robot import app as robot_app
 from bsp_informed_planner.cli.robot_options import LockOption, PackageOption, SrdfOption, ToolOption
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="bsp-planner",
+    cls=PlainErrors,
     help="Plan collision-free, short paths for robot arms in cluttered spaces.",
     no_args_is_help=True,
     rich_markup_mode=None,  # or "[rad or m]" would be taken for markup

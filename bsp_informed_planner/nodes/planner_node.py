@@ -105,7 +105,8 @@ class PlannerNode(PlannerSuiteNode):
         self._plans = Meter()
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
-        # Sampler ids that have been found to have no model, by robot.
+        # Robots and default sampler ids whose models have been asked for, and those that have been found to have none.
+        self._asked_for_model: set[tuple[str, str]] = set()
         self._without_model: set[tuple[str, str]] = set()
         preparation = RobotPreparation(self._world, self._try_out, self.note_error)
         self.release_with(preparation.close)
@@ -349,6 +350,7 @@ class PlannerNode(PlannerSuiteNode):
             self.note_error(f"trajectory: {error}")
         if self._settings.publish_markers:
             self._markers.submit(answer.plan)
+        self._ask_for_default_model(*answer.plan)
 
     def _publish_markers(self, item: tuple[Robot, PlanResult]) -> None:
         """In a thread of their own, when the answer is on its way: markers are for people."""
@@ -391,6 +393,17 @@ class PlannerNode(PlannerSuiteNode):
             self._note_without_model(world.robot, sampler_id, guidance.fallback_reason)
         return guidance
 
+    def _ask_for_default_model(self, robot: Robot, result: PlanResult) -> None:
+        """After the first plan: easy ones need no guidance, so nobody else would find out that there is no model."""
+        sampler_id = self._settings.sampler_id
+        entry = robot.name, sampler_id
+        if not self._settings.use_inference or sampler_id in ("uniform", EXACT) or entry in self._asked_for_model:
+            return
+        if self._guide.ask_for_model(
+            sampler_id, result.path[[0, -1]], lambda reason: self._note_without_model(robot, sampler_id, reason)
+        ):
+            self._asked_for_model.add(entry)
+
     def _note_without_model(self, robot: Robot, sampler_id: str, reason: str) -> None:
         """Say once that keypoints are exact though another sampler is asked for, and list it no more."""
         if (robot.name, sampler_id) not in self._without_model:
@@ -401,7 +414,9 @@ class PlannerNode(PlannerSuiteNode):
         """One plan of a robot that is new, with guidance: the next is as fast as it can be."""
         settings = self._settings
         # Of another robot of this name, perhaps.
-        self._without_model = {entry for entry in self._without_model if entry[0] != planner.robot.name}
+        name = planner.robot.name
+        self._without_model = {entry for entry in self._without_model if entry[0] != name}
+        self._asked_for_model = {entry for entry in self._asked_for_model if entry[0] != name}
         if not settings.use_inference and (reason := planner.load_guide(settings.sampler_id)):
             self._note_without_model(planner.robot, settings.sampler_id, reason)
         planner.get_ready()

@@ -12,7 +12,7 @@ from bsp_informed_planner_msgs.srv import EstimateKeypoints, SampleConfiguration
 from rclpy.client import Client
 from rclpy.lifecycle import LifecycleNode
 
-from bsp_informed_planner.errors import PlanningCancelledError
+from bsp_informed_planner.errors import NO_MODEL, PlanningCancelledError
 from bsp_informed_planner.nodes.arrays import float64_field, rows, uint32_field
 from bsp_informed_planner.nodes.error_codes import BEHIND, ErrorCode
 from bsp_informed_planner.nodes.own_thread import OwnThread
@@ -112,6 +112,32 @@ class RemoteGuide:
         # A chain without keypoints is for the sampler alone: the straight line has been tried before.
         chains = tuple(chain for chain in chains if len(chain.configurations) > 2)
         return Guidance(answer.model, chains, sampler, answer.message, time.monotonic() - begin)
+
+    def ask_for_model(self, sampler_id: str, ends: FloatArray, on_missing: Callable[[str], None]) -> bool:
+        """Find out whether the inference node has a model, without waiting for its answer.
+
+        Args:
+            sampler_id: of the model.
+            ends: (2, n) two configurations, between which it draws a sample.
+            on_missing: told why there is none, from another thread.
+
+        Returns:
+            whether the inference node is there to be asked.
+        """
+        if not self._sample.service_is_ready():
+            return False
+
+        def on_answer(future: Any) -> None:
+            answer = future.result()
+            if answer is not None and answer.message.startswith(NO_MODEL):
+                on_missing(f"{sampler_id}: {answer.message}")
+
+        offsets = uint32_field(np.array([0, 2]))
+        request = SampleConfigurations.Request(
+            configurations=float64_field(ends), joints=ends.shape[1], chain_offsets=offsets, count=1, model=sampler_id
+        )
+        self._sample.call_async(request).add_done_callback(on_answer)
+        return True
 
     def _call(self, client: Client, request: Any, end: float, cancelled: Callable[[], bool] | None) -> Any:
         """Wait for an answer, in a worker thread."""
