@@ -93,7 +93,7 @@ $(STAMPS)/ros-versions: $(STAMPS)/dependencies
 # The folders are named too, since a removed file shows only in them.
 $(STAMPS)/messages: $(STAMPS)/ros-versions tools/build_messages.py cmake/drop_foreign_python_includes.cmake \
 		$(wildcard msg_defs/* msg_defs/*/*)
-	@echo "setup: building the messages"
+	@echo "setup: building the messages (half a minute)"
 	@$(call logged,messages,$(BIN)/python tools/build_messages.py --build-dir $(VENV)/build/msg_defs)
 	@touch $@
 
@@ -106,7 +106,7 @@ $(STAMPS)/package: setup.py setup.cfg package.xml $(STAMPS)/dependencies
 # The kernels' compiler caches on disk what it compiled, so that no user waits for it.
 $(STAMPS)/kernels: $(STAMPS)/package bsp_informed_planner/compiled.py \
 		$(shell find bsp_informed_planner -name '*kernels*.py' -o -name 'warm_up.py')
-	@echo "setup: compiling the kernels"
+	@echo "setup: compiling the kernels (one to three minutes)"
 	@$(call logged,kernels,$(BIN)/python -m bsp_informed_planner.compile_kernels)
 	@touch $@
 

@@ -22,7 +22,7 @@ out: Path = parser.parse_args().out
 out.mkdir(parents=True, exist_ok=True)
 
 robot = ur5()
-# A table, a lamp on it, which is in the way, and what a camera has seen: points of a wall, each standing for a cube of 3 cm.
+# A table, a lamp on it, which is in the way, and what a camera has seen: points of a wall, each for a cube of 3 cm.
 table = Obstacle.of("table", Box(np.array([0.6, 1.2, 0.04])), Pose.from_xyz_rpy([0.6, 0.0, -0.1]))
 lamp = Obstacle.of("lamp", Cylinder(radius=0.05, height=0.6), Pose.from_xyz_rpy([0.55, 0.1, 0.22]))
 y, z = np.meshgrid(np.arange(-0.3, 0.3, 0.02), np.arange(-0.05, 0.3, 0.02))

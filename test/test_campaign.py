@@ -225,6 +225,18 @@ def test_the_command_collects_goes_on_and_describes(tmp_path: Path) -> None:
         runner.invoke(app, [*collected[:6], "6", *collected[7:]], catch_exceptions=False)
 
 
+def test_paths_without_keypoints_are_described_without_them(tmp_path: Path) -> None:
+    runner = CliRunner()
+    for name, options in (("with", []), ("without", ["--paths-only"])):
+        folder = tmp_path / name
+        collected = ["collect", "--robot", "point", "--problems", "2", "--out", str(folder), *options]
+        assert runner.invoke(app, collected).exit_code == 0
+        described = runner.invoke(app, ["collect", str(folder), "--describe"]).output
+        assert "waypoints: mean of a path" in described
+        for words in ("keypoints: mean number", "removals", "keypoints merged below"):
+            assert (words in described) == (name == "with"), (name, words)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

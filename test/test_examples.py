@@ -52,6 +52,16 @@ def test_point_robot(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "point_robot.png").stat().st_size > 10_000
 
 
+def test_publish_points(tmp_path: Path) -> None:
+    with running_suite("ur5") as suite:
+        suite.add_all()
+        domain = str(100 + os.getpid() % 100)
+        printed = run(
+            "publish_points.py", tmp_path, "--ros-args", "-r", f"__ns:={suite.namespace}", ROS_DOMAIN_ID=domain
+        )
+    assert re.fullmatch(r"2400 points are an obstacle of revision \d+ of the scene\n", printed)
+
+
 def test_call_plan_service(tmp_path: Path) -> None:
     with running_suite("ur5") as suite:
         suite.add_all()

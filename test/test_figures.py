@@ -22,9 +22,10 @@ from bsp_informed_planner.scene.pose import FloatArray, Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
 from bsp_informed_planner.scene.shapes import Cone, Cylinder, HalfSpace, Sphere
 from bsp_informed_planner.scene.shelf import ShelfScene, random_shelf
-from bsp_informed_planner.visualization import palette
+from bsp_informed_planner.visualization import palette, plane_figure
 from bsp_informed_planner.visualization.figures import draw_arm_plan, draw_decomposition, draw_point_plan
 from bsp_informed_planner.visualization.overlay import spread
+from bsp_informed_planner.visualization.plane_figure import plane_panel
 from bsp_informed_planner.visualization.search_figure import draw_plane_samples, draw_plane_trees, tree_edges
 
 SIZE = (800, 450)
@@ -174,6 +175,18 @@ def test_decomposition_in_2d(tmp_path: Path) -> None:
     )
     assert pixels_of(read(plain), palette.KEYPOINT) == 0
     assert pixels_of(read(with_chain), palette.KEYPOINT) > 200
+
+
+def test_names_of_axes_and_legends_fit(tmp_path: Path) -> None:
+    """Numbers with a sign and two digits leave the axis's name on the picture; only what is drawn is named."""
+    bounds = WorkspaceBounds(np.array([-0.9, -0.9, -0.5]), np.array([1.1, 0.9, 1.1]))
+    figure, axes = plane_panel(Scene.of([], bounds), "plane", [])
+    figure.draw_without_rendering()
+    assert axes.yaxis.label.get_window_extent().x0 >= 0.0
+    empty = decompose(Scene.of([], bounds), DecompositionOptions(dimension=2))
+    assert empty.portal_count == 0
+    named = [handle.get_label() for handle in plane_figure._handles(False, empty)]
+    assert named == ["free cells", "obstacles"]
 
 
 def test_decomposition_in_3d(tmp_path: Path, shelf: ShelfScene) -> None:

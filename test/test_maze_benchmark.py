@@ -16,6 +16,7 @@ from rich.console import Console
 from bsp_informed_planner.benchmarks.benchmark import BenchmarkArguments, Mode
 from bsp_informed_planner.benchmarks.maze import ablations, analysis, environments, unseen
 from bsp_informed_planner.benchmarks.maze.benchmark import maze_benchmark
+from bsp_informed_planner.benchmarks.maze.figures import draw_curves
 from bsp_informed_planner.benchmarks.maze.runs import Protocol, Runs, present, run_methods
 from bsp_informed_planner.benchmarks.maze.samplers import SAMPLERS
 from bsp_informed_planner.benchmarks.maze.world import MazeWorld, visible
@@ -196,6 +197,14 @@ def test_mixture_weights(world: MazeWorld) -> None:
     assert np.allclose(ablations._weights("length", chain, world), lengths)
     assert set(ablations._weights("equal", chain, world)) == {1.0}
     assert all(1.0 <= weight <= 10.0 for weight in ablations._weights("difficulty", chain, world))
+
+
+def test_a_panel_without_a_comparison_says_so() -> None:
+    """No run of either method finds a path, so that there is no cost to compare."""
+    without = runs_of([[500.0], [500.0]], [[np.inf], [np.inf]])
+    for runs, texts in ((without, ["too few paths to compare"]), (runs_of([[300.0], [300.0]]), [])):
+        figure = draw_curves("maze", {"uniform": runs, "gmm": runs}, [500], np.random.default_rng(0), paired=False)
+        assert [text.get_text() for text in figure.axes[1].texts] == texts
 
 
 # --- the whole, very small ---

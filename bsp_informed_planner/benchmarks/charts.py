@@ -79,6 +79,13 @@ def with_intervals(
     )  # fmt: skip
 
 
+def note(axes: Axes, text: str) -> None:
+    """What a reader should know of axes that hold nothing; their numbers are taken away."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, fontsize=10, color=FAINT, ha="center", va="center")
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
 def limit_line(axes: Axes, value: float, text: str, vertical: bool = False) -> None:
     """A dashed line at a required number."""
     draw = axes.axvline if vertical else axes.axhline

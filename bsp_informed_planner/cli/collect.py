@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,6 +54,36 @@ class CollectArguments:
     goal_choice: str = "random"
     epsilon: float | None = None
     paths_only: bool = False
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Of the table of a dataset.
+
+    Attributes:
+        name: its heading.
+        text: the entry of a group.
+        meaning: what it is, where the name does not say it.
+        of_keypoints: whether it means nothing in a dataset without keypoints.
+    """
+
+    name: str
+    text: Callable[[GroupSummary], str]
+    meaning: str = ""
+    of_keypoints: bool = False
+
+
+_COLUMNS = (
+    _Column("", lambda group: group.name),
+    _Column("problems", lambda group: str(group.problems)),
+    _Column("solved", lambda group: f"{group.solved / group.problems:.1%}"),
+    _Column("keypoints", lambda group: f"{group.keypoints:.1f}", "mean number between start and goal", True),
+    _Column("waypoints", lambda group: f"{group.waypoints:.1f}", "mean of a path"),
+    _Column("cost", lambda group: f"{group.cost:.3f}", "median joint-space length"),
+    _Column("bent", lambda group: f"{group.bent:.1%}", "subproblems not solved by a straight edge"),
+    _Column("removals", lambda group: f"{group.removals:.2f}", "mean of RemoveEdge", True),
+    _Column("ms", lambda group: f"{1e3 * group.seconds:.1f}", "mean time a problem"),
+)
 
 
 def run_collect(arguments: CollectArguments) -> int:
@@ -119,27 +150,25 @@ def print_description(folder: Path) -> None:
     console.print(f"robot {robot.name}: {robot.dof} joints ({', '.join(robot.joint_names)}), {robot.fingerprint[:12]}")
     console.print(f"seed {description.seed}; " + ", ".join(f"{k} {v}" for k, v in description.versions.items()))
     algorithm = description.parameters["algorithm"]
-    console.print(
-        f"keypoints merged below {algorithm['epsilon']:g} m; obstacles kept at "
-        f"{', '.join(f'{1e3 * padding:g}' for padding in algorithm['paddings'])} mm, the first that works"
-    )
+    with_keypoints = bool(algorithm.get("keypoints", True))
+    merged = f"keypoints merged below {algorithm['epsilon']:g} m" if with_keypoints else "paths without keypoints"
+    distances = ", ".join(f"{1e3 * padding:g}" for padding in algorithm["paddings"])
+    console.print(f"{merged}; obstacles kept at {distances} mm, the first that works")
     table = Table(title=None)
-    for name in ("", "problems", "solved", "keypoints", "waypoints", "cost", "bent", "removals", "ms"):
-        table.add_column(name, justify="left" if not name else "right")
+    shown = [column for column in _COLUMNS if with_keypoints or not column.of_keypoints]
+    for column in shown:
+        table.add_column(column.name, justify="right" if column.name else "left")
     for group in summary.splits:
-        table.add_row(*_cells(group))
+        table.add_row(*(column.text(group) for column in shown))
     table.add_section()
     for group in summary.strata:
-        table.add_row(*_cells(group))
+        table.add_row(*(column.text(group) for column in shown))
     console.print(table)
     if summary.failures:
         console.print("unsolved: " + ", ".join(f"{count} {name}" for name, count in summary.failures.items()))
     if len(summary.paddings) > 1:
         console.print("kept: " + ", ".join(f"{1e3 * p:g} mm by {count}" for p, count in summary.paddings.items()))
-    console.print(
-        "keypoints: mean number between start and goal; waypoints: mean of a path; cost: median joint-space length; "
-        "bent: subproblems not solved by a straight edge; removals: mean of RemoveEdge; ms: mean time a problem"
-    )
+    console.print("; ".join(f"{column.name}: {column.meaning}" for column in shown if column.meaning))
 
 
 def _source(arguments: CollectArguments, robot: Robot) -> ProblemSource:
@@ -161,20 +190,6 @@ def _source(arguments: CollectArguments, robot: Robot) -> ProblemSource:
     if not suits[family]:
         raise InvalidOptionError("--family", family, f"a family for robot '{robot.name}'")
     return MazeSource() if family == "maze" else ShelfSource(robot, goal_choice=arguments.goal_choice)
-
-
-def _cells(group: GroupSummary) -> tuple[str, ...]:
-    return (
-        group.name,
-        str(group.problems),
-        f"{group.solved / group.problems:.1%}",
-        f"{group.keypoints:.1f}",
-        f"{group.waypoints:.1f}",
-        f"{group.cost:.3f}",
-        f"{group.bent:.1%}",
-        f"{group.removals:.2f}",
-        f"{1e3 * group.seconds:.1f}",
-    )
 
 
 class _RateColumn(ProgressColumn):

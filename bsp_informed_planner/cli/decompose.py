@@ -38,7 +38,7 @@ def run_decompose(
     counts = {
         "obstacles": len(scene.obstacles),
         "facets": result.facet_count,
-        "splits": result.split_count,
+        "facets_split": result.split_count,
         "free_cells": result.cell_count,
         "portals": result.portal_count,
         "candidates": result.candidate_count,
@@ -74,11 +74,11 @@ def run_decompose(
         }
         typer.echo(json.dumps(content))
     else:
-        typer.echo("\n".join(f"{name.replace('_', ' '):<12} {value}" for name, value in counts.items()))
+        typer.echo("\n".join(f"{name.replace('_', ' '):<13} {value}" for name, value in counts.items()))
         milliseconds = ", ".join(
             f"{name.removesuffix('_seconds')} {1e3 * value:.2f}" for name, value in timings.items()
         )
-        typer.echo(f"{'time [ms]':<12} {1e3 * result.timings.total_seconds:.2f} ({milliseconds})")
+        typer.echo(f"{'time [ms]':<13} {1e3 * result.timings.total_seconds:.2f} ({milliseconds})")
     if png is not None:
         from bsp_informed_planner.visualization.figures import draw_decomposition
 

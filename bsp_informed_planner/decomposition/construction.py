@@ -35,7 +35,7 @@ class Construction:
         portal_corners, portal_offsets, portal_cells: see `Decomposition`.
         partitions: (p,) the node whose plane each portal is in.
         candidates, candidate_portals, candidate_clearances: see `Decomposition`.
-        split_count: facets that were split.
+        split_count: how often a facet was cut in two.
         replaced_cells: number of cells that are not those of the former decomposition.
         partition_seconds, portal_seconds, graph_seconds: see `DecompositionTimings`.
     """

@@ -62,7 +62,7 @@ class Decomposition:
         clearance_cap: [m].
         frame, scene_revision: of the scene.
         timings: of its making.
-        facet_count, split_count: facets of the scene and how many splits the partitioning made; 0 if not known.
+        facet_count, split_count: facets of the scene, and how often the partitioning cut one in two; 0 if not known.
 
     Raises:
         InvalidDecompositionError: if the arrays do not fit together.

@@ -76,7 +76,7 @@ def draw_decomposition(
     close = best_view(obstacles, near, targets, azimuths, elevations, panel_width, panel_height)
 
     facts = [
-        f"{decomposition.facet_count} facets, {decomposition.split_count} splits",
+        f"{decomposition.facet_count} facets, {decomposition.split_count} of them split",
         overlay.counts(decomposition),
         f"decomposed in {1e3 * decomposition.timings.total_seconds:.2f} ms",
     ]
@@ -89,15 +89,15 @@ def draw_decomposition(
     _draw_lines(panel, cell_edges(decomposition), PIECE_SHARE * float(np.linalg.norm(bounds[1] - bounds[0])))
 
     layers, glass = obstacle_layers(bodies, close, targets if chain is not None else np.empty((0, 3)))
-    chosen = keypoint_portals(decomposition, keypoints)
+    chosen = inner_portals(decomposition) if chain is None else keypoint_portals(decomposition, keypoints)
     if len(chosen):
-        layers.append(portal_layer(decomposition, chosen))
-    elif chain is None:
-        layers.append(portal_layer(decomposition, inner_portals(decomposition), 0.18))
+        layers.append(
+            portal_layer(decomposition, chosen, 0.18) if chain is None else portal_layer(decomposition, chosen)
+        )
     caption = (
         "Portals that end at obstacles, and all keypoint candidates"
         if chain is None
-        else "Keypoint chain, its portals, and all keypoint candidates"
+        else f"Keypoint chain, {'its portals, ' if len(chosen) else ''}and all keypoint candidates"
     )
     panel = overlay.Panel.of(figure, 2 * overlay.GAP + panel_width, overlay.FOOTER, close, layers, caption)
     seen = decomposition.candidates[~panel.hides(decomposition.candidates)]
@@ -106,7 +106,7 @@ def draw_decomposition(
     handles: list[Artist] = [
         overlay.patch_handle(FURNITURE, "obstacles"),
         overlay.line_handle(CELL, "edges of free cells", 1.2),
-        overlay.patch_handle(PORTAL, "portals", 0.3),
+        *([overlay.patch_handle(PORTAL, "portals", 0.3)] if len(chosen) else []),
         overlay.dot_handle(CANDIDATE, "keypoint candidates"),
     ]
     if chain is not None:

@@ -50,7 +50,8 @@ def new_figure(width: int, height: int, title: str, facts: str) -> Figure:
         drawn = figure.text(
             GAP / width, 1.0 - top / height, text, size=size, weight=weight, color=colour, va="top", ha="left"
         )
-        shrink = (width - 2 * GAP) / max(drawn.get_window_extent().width, 1.0)
+        # Glyphs are set on whole pixels, so that a size need not give its share of the width.
+        shrink = 0.98 * (width - 2 * GAP) / max(drawn.get_window_extent().width, 1.0)
         drawn.set_fontsize(size * min(shrink, 1.0))
     return figure
 
@@ -219,9 +220,9 @@ def patch_handle(colour: Colour, label: str, alpha: float = 1.0) -> Patch:
 
 
 def glass_handle(colour: Colour, label: str) -> Patch:
-    """Entry of a legend for surfaces as if of glass: hatched, since they are too pale to be told from white."""
+    """Entry of a legend for surfaces as if of glass: pale with dark edges, as they are drawn."""
     edge = (*(0.4 * np.array(colour)), 0.8)
-    return Patch(facecolor=(*colour, 0.3), edgecolor=edge, hatch="////", label=label)
+    return Patch(facecolor=(*colour, 0.15), edgecolor=edge, label=label)
 
 
 def line_handle(colour: Colour, label: str, width: float = 3.0) -> Line2D:

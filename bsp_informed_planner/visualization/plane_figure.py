@@ -78,7 +78,7 @@ def draw_point_plan(
     overlay.draw_progress_line(axes, way)
     overlay.draw_badges(axes, keypoints[:, :2], way[0], way[-1])
     handles: list[Artist] = [overlay.line_handle(MIDDLE, "path from start (S) to goal (G)")]
-    overlay.add_legend(figure, handles + _handles(len(keypoints) > 0, decomposition is not None))
+    overlay.add_legend(figure, handles + _handles(len(keypoints) > 0, decomposition))
     overlay.save(figure, path_png)
 
 
@@ -103,7 +103,7 @@ def draw_plane_decomposition(
         overlay.draw_progress_line(axes, chain.points[:, :2])
         overlay.draw_badges(axes, keypoints[:, :2], chain.points[0, :2], chain.points[-1, :2])
         handles.append(overlay.line_handle(MIDDLE, "keypoint chain from start (S) to goal (G)"))
-    overlay.add_legend(figure, handles + _handles(len(keypoints) > 0, True))
+    overlay.add_legend(figure, handles + _handles(len(keypoints) > 0, decomposition))
     overlay.save(figure, path_png)
 
 
@@ -140,7 +140,8 @@ def plane_panel(scene: Scene, title: str, facts: list[str]) -> tuple[Figure, Axe
     extent = (upper - lower) * 1.02
     scale = LONG_SIDE / float(extent.max())
     width, height = (max(round(side * scale), SHORT_SIDE) for side in extent.tolist())
-    left, below = 70, overlay.FOOTER + 60
+    # Room for the names of the axes, and numbers such as -0.75.
+    left, below = 96, overlay.FOOTER + 60
     figure_width = left + width + 30
     figure_height = overlay.HEADER + height + below
     figure = overlay.new_figure(figure_width, figure_height, title, "   ·   ".join(facts))
@@ -175,16 +176,18 @@ def _draw_decomposition(axes: Axes, decomposition: Decomposition, highlighted: N
     axes.scatter(x, y, s=9, color=[CANDIDATE], linewidths=0, zorder=6)
 
 
-def _handles(keypoints: bool, decomposition: bool) -> list[Artist]:
+def _handles(keypoints: bool, decomposition: Decomposition | None) -> list[Artist]:
+    """Entries of the legend for what is drawn."""
     handles: list[Artist] = []
     if keypoints:
         handles.append(overlay.badge_handle(KEYPOINT, "keypoints"))
-    if decomposition:
-        if keypoints:
-            handles.append(overlay.line_handle(PORTAL, "their portals", 4.0))
-        faint = tuple(1.0 - 0.7 * (1.0 - channel) for channel in PORTAL)
-        handles.append(overlay.line_handle((faint[0], faint[1], faint[2]), "portals", 1.8))
-        handles.append(overlay.dot_handle(CANDIDATE, "keypoint candidates"))
+    if decomposition is not None:
+        if decomposition.portal_count:
+            if keypoints:
+                handles.append(overlay.line_handle(PORTAL, "their portals", 4.0))
+            faint = tuple(1.0 - 0.7 * (1.0 - channel) for channel in PORTAL)
+            handles.append(overlay.line_handle((faint[0], faint[1], faint[2]), "portals", 1.8))
+            handles.append(overlay.dot_handle(CANDIDATE, "keypoint candidates"))
         handles.append(overlay.patch_handle((1.0, 1.0, 1.0), "free cells"))
     handles.append(overlay.patch_handle(WALL, "obstacles"))
     return handles

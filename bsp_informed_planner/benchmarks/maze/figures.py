@@ -17,6 +17,7 @@ from bsp_informed_planner.benchmarks.charts import (
     legend_below,
     logarithmic,
     new_figure,
+    note,
     with_intervals,
 )
 from bsp_informed_planner.benchmarks.maze.analysis import cost_ratio, ratio_of_means, success
@@ -53,6 +54,7 @@ def draw_curves(
     """
     figure, (times, costs, successes) = new_figure(title, 3, 4.4, 4.4)
     uniform = runs["uniform"]
+    compared = False
     for name, (colour, style, marker) in CURVES.items():
         if name not in runs:
             continue
@@ -64,12 +66,15 @@ def draw_curves(
         known = [(count, cost_ratio(found, uniform, k, rng)[0]) for k, count in enumerate(grid)]
         known = [(count, ratio) for count, ratio in known if np.isfinite(ratio.value)]
         with_intervals(costs, [count for count, _ in known], [ratio for _, ratio in known], text, colour, style, marker)
+        compared |= bool(known)
         reached = [success(found, count, rng) for count in grid]
         with_intervals(successes, grid, [share.scaled(100.0) for share in reached], text, colour, style, marker)
     label(times, "samples", "time / uniform's, guidance included", "Planning time")
     label(costs, "samples", "cost / uniform's", "Planning cost" + (", in the same maze" if paired else ""))
     label(successes, "samples", "runs with a path [%]", "Success")
     successes.set_ylim(0.0, 102.0)
+    if not compared:
+        note(costs, "too few paths to compare")
     logarithmic(times, x=False)
     legend_below(figure, costs, 4)
     return figure
