@@ -100,7 +100,8 @@ def runs_of(first: list[list[float]], costs: list[list[float]] | None = None, gu
     values = np.array(first)
     noted = np.array(costs if costs is not None else np.ones(values.shape))[..., None]
     zero = np.zeros(values.shape)
-    return Runs(values, values / 100.0, noted, noted, zero + guidance, zero, zero)
+    # Time is spent whether or not a path is found.
+    return Runs(values, values / 100.0, noted, np.ones(noted.shape), zero + guidance, zero, zero)
 
 
 def test_success_counts_runs() -> None:
@@ -202,7 +203,7 @@ def test_mixture_weights(world: MazeWorld) -> None:
 def test_a_panel_without_a_comparison_says_so() -> None:
     """No run of either method finds a path, so that there is no cost to compare."""
     without = runs_of([[500.0], [500.0]], [[np.inf], [np.inf]])
-    for runs, texts in ((without, ["too few paths to compare"]), (runs_of([[300.0], [300.0]]), [])):
+    for runs, texts in ((without, ["too few paths to compare"]), (runs_of([[300.0]] * analysis.FEWEST), [])):
         figure = draw_curves("maze", {"uniform": runs, "gmm": runs}, [500], np.random.default_rng(0), paired=False)
         assert [text.get_text() for text in figure.axes[1].texts] == texts
 
