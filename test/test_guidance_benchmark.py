@@ -114,6 +114,16 @@ def test_times_are_compared_in_pairs() -> None:
     assert not found["hard: 90 % of times, at_once"].holds
 
 
+def test_what_users_get_is_compared_with_others_and_the_network_alone_with_controls() -> None:
+    rows = [row("hard", plain=8.0, exact=4.0, learned=4.0, joined=2.0, wrong_scene=8.0, no_scene=8.0)] * 4
+    found = numbers(rows)
+    assert found["hard: time with the network at once / RRT-Connect"].value == pytest.approx(0.25)
+    assert found["hard: time, joined / network alone"].value == pytest.approx(0.5)
+    assert found["hard: time, joined / exact keypoints + Gaussian alone"].value == pytest.approx(0.5)
+    assert found["hard: time / network without scene (control)"].value == pytest.approx(0.5)
+    assert found["hard: 90 % of times, at_once"].value == 2.0
+
+
 def test_failures_count() -> None:
     found = numbers([row("hard", plain=2.0, learned=None, wrong_scene=2.0)] * 4)
     assert found["hard: time with the network at once / RRT-Connect"].value == pytest.approx(summary.FAILED / 2.0)

@@ -35,7 +35,7 @@ from bsp_informed_planner.planning.verification import CertifyingChecker
 from bsp_informed_planner.robots.arm import ArmRobot
 from bsp_informed_planner.robots.demo_arms import ur5
 from bsp_informed_planner.robots.point import PointRobot
-from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
 from bsp_informed_planner.scene.maze import random_maze
 from bsp_informed_planner.scene.pose import Pose
 from bsp_informed_planner.scene.scene import Obstacle, Scene, WorkspaceBounds
@@ -317,6 +317,46 @@ def test_guidance_from_elsewhere_is_used() -> None:
     result = planner.plan(problem, FIRST, guidance=Guidance("uniform", fallback_reason="because"))
     assert_verified(planner, result)
     assert result.guidance.fallback_reason == "because"
+
+
+class Staying:
+    """Samples of one state, by a network that has learned nothing."""
+
+    def __init__(self, state: np.ndarray) -> None:
+        self.state = state
+
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        return np.repeat(self.state[None], count, axis=0)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_exact_keypoints_join_networks_that_lead_nowhere(threads: int) -> None:
+    planner, problem = maze_problem(3)
+    (goal,) = problem.goals
+    assert isinstance(goal, JointGoal)
+    line = np.array((problem.start, goal.configuration))
+    chain = ConfigurationChain(line, planner.robot.reference_points)
+    alone = Guidance("learned", (chain,), Staying(line[0]), seconds=1.0)
+    # No sample is uniform, so that a path comes from guidance or not at all.
+    options = replace(FIRST, head_start=0, uniform_fraction=0.0, max_samples=20_000, threads=threads)
+    result = planner.plan(problem, options, guidance=alone)
+    assert_verified(planner, result)
+    assert result.guidance.sampler_id == "learned"
+    assert result.guidance.remark.startswith("keypoint_tube joined")
+    assert result.guidance.chains[0] is chain
+    assert len(result.guidance.chains) > 1
+    assert result.statistics.inference_seconds > 1.0
+    with pytest.raises(SamplesExhaustedError):
+        planner.plan(problem, replace(options, join_keypoints=False), guidance=alone)
+    with pytest.raises(SamplesExhaustedError):
+        planner.plan(problem, options, guidance=replace(alone, sampler_id="path_library"))
+
+
+def test_nothing_joins_networks_where_there_are_no_keypoints() -> None:
+    planner, problem = walled_in()
+    plan = planner.prepare(problem, PlanOptions(allowed_seconds=1.0))
+    alone = Guidance("learned", (), Staying(plan.start))
+    assert planner._with_keypoints(plan, alone) is alone
 
 
 def test_ill_posed_problems_are_named(arm: ArmRobot) -> None:

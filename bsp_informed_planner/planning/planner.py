@@ -46,7 +46,7 @@ from bsp_informed_planner.planning.validation import free_state, goal_configurat
 from bsp_informed_planner.planning.verified_timing import verified_trajectory
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance, KeypointGuideOptions
-from bsp_informed_planner.sampling.guide import EXACT, SAMPLER_IDS, GuideSetting
+from bsp_informed_planner.sampling.guide import EXACT, LEARNED, SAMPLER_IDS, GuideSetting
 from bsp_informed_planner.sampling.scene_guides import UNAVAILABLE, SceneGuides
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.scene import Scene
@@ -347,7 +347,13 @@ class Planner:
             used = fitting()
         else:
             known = isinstance(guidance, Guidance)
-            path = search.run(list(plan.judges), plan.start, plan.goals, fitting() if known else fitting)
+            path = search.run(
+                list(plan.judges),
+                plan.start,
+                plan.goals,
+                fitting() if known else fitting,
+                lambda made: self._with_keypoints(plan, made),
+            )
             used = search.guidance or self._unused(options)
         if path is None:
             if budget.samples_left <= 0:
@@ -372,6 +378,13 @@ class Planner:
             statistics=self._statistics(plan, used),
             trees=search.trees,
         )
+
+    def _with_keypoints(self, plan: PreparedPlan, guidance: Guidance) -> Guidance:
+        """Guidance of networks, joined by exact keypoints: where one of them fails, the other seldom does."""
+        if not plan.options.join_keypoints or guidance.sampler_id != LEARNED:
+            return guidance
+        exact = self.guide(plan, EXACT)
+        return guidance.joined_by(exact) if exact.sampler_id == EXACT else guidance
 
     def _ompl_path(self, plan: PreparedPlan) -> FloatArray | None:
         """(m, n) a verified path, or None when the budget is spent without."""

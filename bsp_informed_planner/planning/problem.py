@@ -78,6 +78,8 @@ class PlanOptions:
         first_solution: stop at the first verified path.
         head_start: uniform search before guidance is asked for, as a number of edges to check; None: as much as takes
             about the time of guidance, in which most problems are solved; 0: none. For "anytime" and "rrt_connect".
+        join_keypoints: whether exact keypoints join the guidance of "learned" where it has led to no path soon. For
+            "anytime" and "rrt_connect".
         uniform_fraction: share of uniform samples, lambda in the paper, in [0, 1].
         max_samples: most samples to draw; None: no bound but time.
         seed: of the random number generators; None: one is drawn. A plan by one thread that no time limit ends is the
@@ -106,6 +108,7 @@ class PlanOptions:
     allowed_seconds: float = 5.0
     first_solution: bool = False
     head_start: int | None = None
+    join_keypoints: bool = True
     uniform_fraction: float = 0.5
     max_samples: int | None = None
     seed: int | None = None

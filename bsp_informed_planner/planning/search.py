@@ -124,6 +124,7 @@ class Search:
         start: FloatArray,
         goals: FloatArray,
         guidance: Guidance | Callable[[], Guidance],
+        further: Callable[[Guidance], Guidance] | None = None,
     ) -> FloatArray | None:
         """Search as the planner id says.
 
@@ -132,6 +133,7 @@ class Search:
             start: (n,) free.
             goals: (k, n) free, the nearest first.
             guidance: chains and sampler, or what makes them once they are needed.
+            further: adds to them where they have led to no path; None: nothing does.
 
         Returns:
             (m, n) a verified path, or None when the budget is spent without.
@@ -163,13 +165,18 @@ class Search:
             rewire = self._options.planner_id == "rrt_star"
             workers[0].plain(rewire, self._options.first_solution, self._guided(guidance), self._on_better)
         else:
-            self._anytime(workers, guidance)
+            self._anytime(workers, guidance, further)
         self.nodes = sum(worker.nodes for worker in workers)
         if options.keep_trees:
             self.trees = tuple(tree for worker in workers for tree in worker.trees)
         return self.incumbent.path
 
-    def _anytime(self, workers: list[Worker], guidance: Guidance | Callable[[], Guidance]) -> None:
+    def _anytime(
+        self,
+        workers: list[Worker],
+        guidance: Guidance | Callable[[], Guidance],
+        further: Callable[[Guidance], Guidance] | None,
+    ) -> None:
         """All workers look for a first path, then for better ones; the first one is this thread.
 
         The others begin when it asks for guidance: what ends sooner ends no sooner with them, and processors may slow
@@ -183,10 +190,21 @@ class Search:
                     thread.start()
             return self._guided(guidance)
 
+        def joined() -> Guidance:
+            made = self._guided(guidance)
+            more = made if further is None else further(made)
+            if more is not made:
+                self._guidance = more
+                self.report("searching")
+            return more
+
+        def there_is() -> Guidance:
+            # Guidance is made by one thread; the others use it as soon as it is there.
+            return self._guidance or Guidance("uniform")
+
         def beside(worker: Worker) -> None:
             try:
-                # Guidance is made by one thread; the others use it as soon as it is there.
-                self._work(worker, lambda: self._guidance or Guidance("uniform"), found)
+                self._work(worker, there_is, there_is, found)
             except BaseException as error:  # noqa: BLE001 -- raised again by the thread that waits
                 failures.append(error)
                 give_up()
@@ -197,7 +215,7 @@ class Search:
 
         threads = [threading.Thread(target=beside, args=(worker,), daemon=True) for worker in workers[1:]]
         try:
-            self._work(workers[0], guided, found)
+            self._work(workers[0], guided, joined, found)
         except BaseException:
             give_up()
             raise
@@ -208,8 +226,14 @@ class Search:
         if failures:
             raise failures[0]
 
-    def _work(self, worker: Worker, guidance: Callable[[], Guidance], found: threading.Event) -> None:
-        path = worker.first(guidance, found.is_set)
+    def _work(
+        self,
+        worker: Worker,
+        guidance: Callable[[], Guidance],
+        further: Callable[[], Guidance],
+        found: threading.Event,
+    ) -> None:
+        path = worker.first(guidance, further, found.is_set)
         if path is not None:
             self.record(path, "searching")
             found.set()

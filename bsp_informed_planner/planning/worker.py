@@ -24,6 +24,7 @@ from bsp_informed_planner.planning.shortcut import shortcut
 from bsp_informed_planner.planning.space import new_space
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.guidance import Guidance
+from bsp_informed_planner.sampling.guide import LEARNED
 from bsp_informed_planner.sampling.sampler import ClippedSampler, Sampler
 from bsp_informed_planner.scene.pose import FloatArray
 
@@ -34,8 +35,9 @@ STRAIGHT = 4
 #: take less than a millisecond. On validation problems, 200 is as good as more for those as they come, and better for
 #: hard ones.
 HEAD_START, SHORT_HEAD_START = 500, 200
-QUICK_SAMPLERS = ("learned", "path_library")
-#: Search with guidance before edges that the bounds leave open are looked at everywhere.
+QUICK_SAMPLERS = (LEARNED, "path_library")
+#: Search with guidance before more of it joins, and with all of it before edges that the bounds leave open are looked
+#: at everywhere.
 GUIDED = 800
 #: Search with questions about such edges before it begins anew.
 ASKING = 800
@@ -144,18 +146,27 @@ class Worker:
         self._guidance = guidance
         return [chain.configurations for chain in guidance.chains]
 
+    def _joining(self, guidance: Guidance) -> list[FloatArray]:
+        """Take guidance that may have been joined by more; returns the chains that are new."""
+        known = () if self._guidance is None else self._guidance.chains
+        self.take(guidance)
+        return [chain.configurations for chain in guidance.chains if chain not in known]
+
     # --- a first path ---
 
-    def first(self, guidance: Callable[[], Guidance], is_over: Callable[[], bool]) -> FloatArray | None:
+    def first(
+        self, guidance: Callable[[], Guidance], further: Callable[[], Guidance], is_over: Callable[[], bool]
+    ) -> FloatArray | None:
         """A first path, verified, or None when the budget is spent.
 
         A straight line; then trees on uniform samples, which solve most problems in the time that guidance takes; then
-        the same trees, seeded and on samples of the guidance. Edges that the bounds leave open count as blocked so
-        far, unless the start or all goals are undecided. At last they are looked at too, and the search begins anew now
-        and then, with growing patience.
+        the same trees, seeded and on samples of the guidance, and then of what joins it. Edges that the bounds leave
+        open count as blocked so far, unless the start or all goals are undecided. At last they are looked at too, and
+        the search begins anew now and then, with growing patience.
 
         Args:
             guidance: makes it, or returns what has been made.
+            further: the same, and more where there is more.
             is_over: True when another thread has found one.
         """
         path = self._straight()
@@ -180,6 +191,9 @@ class Worker:
             path = self._straight(ask=1)
         if goes_on(path):
             trees.seed(self.take(guidance()), self._passes)
+            path = grow(self._mixture, ask, GUIDED)
+        if goes_on(path) and (joining := self._joining(further())):
+            trees.seed(joining, self._passes)
             path = grow(self._mixture, ask, GUIDED)
         self._looks = LOOKS
         if goes_on(path):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from bsp_informed_planner.robots.robot import Robot
-from bsp_informed_planner.sampling.sampler import Sampler
+from bsp_informed_planner.sampling.sampler import MixtureSampler, Sampler
 from bsp_informed_planner.scene.pose import FloatArray
 
 
@@ -55,6 +55,17 @@ class Guidance:
     def keypoints(self) -> FloatArray:
         """(m, 3) keypoints of the best chain, its ends left out [m]."""
         return self.chains[0].keypoints[1:-1] if self.chains else np.empty((0, 3))
+
+    def joined_by(self, other: Guidance) -> Guidance:
+        """This guidance with the chains of another one behind its own, and samples of both, in equal parts."""
+        samplers = [guidance.sampler for guidance in (self, other) if guidance.sampler is not None]
+        return replace(
+            self,
+            chains=self.chains + other.chains,
+            sampler=MixtureSampler(samplers) if len(samplers) > 1 else next(iter(samplers), None),
+            seconds=self.seconds + other.seconds,
+            remark="; ".join(filter(None, (self.remark, f"{other.sampler_id} joined, since no path had been found"))),
+        )
 
 
 @dataclass(frozen=True)

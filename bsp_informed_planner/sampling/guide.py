@@ -87,11 +87,13 @@ class GuideSetting:
 
 #: The guide that needs no model.
 EXACT = "keypoint_tube"
+#: The guide of the project's own networks.
+LEARNED = "learned"
 #: Sampler id -> "module:factory"; a factory takes a GuideSetting. Modules are imported when first asked for: some load
 #: torch.
 GUIDES: dict[str, str] = {
     EXACT: "bsp_informed_planner.sampling.keypoint_guide:exact_guide",
-    "learned": "bsp_informed_planner.sampling.learned:learned_guide",
+    LEARNED: "bsp_informed_planner.sampling.learned:learned_guide",
     "cvae_shortest_path": "bsp_informed_planner.sampling.learned_guide:shortest_path_guide",
     "gmm": "bsp_informed_planner.sampling.gmm:gmm_guide",
     "path_library": "bsp_informed_planner.sampling.path_library:path_library_guide",

@@ -13,7 +13,7 @@ from bsp_informed_planner.errors import InvalidOptionError, KeypointsUnavailable
 from bsp_informed_planner.networks.registry import Model
 from bsp_informed_planner.sampling.cvae_sampler import CvaeMixture, cvae_sampler
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
-from bsp_informed_planner.sampling.guide import GuideSetting
+from bsp_informed_planner.sampling.guide import LEARNED, GuideSetting
 from bsp_informed_planner.sampling.keypoint_estimation import EstimatedChain, SceneView, estimator_of
 from bsp_informed_planner.sampling.keypoint_guide import ExactKeypointGuide
 from bsp_informed_planner.sampling.models import KEYPOINT_KINDS, find_model
@@ -21,7 +21,6 @@ from bsp_informed_planner.sampling.sampler import Sampler
 from bsp_informed_planner.sampling.tube import tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
 
-SAMPLER_ID = "learned"
 SHORTEST_PATH_ID = "cvae_shortest_path"
 #: Kinds of models of local samplers, the best first.
 SAMPLER_KINDS = ("segment_cvae", "cvae")
@@ -115,7 +114,7 @@ class LearnedGuide:
             taken = taken or min(arrived, key=lambda chain: chain.length)
             configuration_chains = (self._lifted(taken),)
         sampler = self.sampler([chain.configurations for chain in configuration_chains])
-        return Guidance(SAMPLER_ID, configuration_chains, sampler, reason, time.monotonic() - begin)
+        return Guidance(LEARNED, configuration_chains, sampler, reason, time.monotonic() - begin)
 
     def estimated(self, start: FloatArray, goals: FloatArray) -> list[EstimatedChain]:
         """Chains of the network from start (n,) to the nearest of the goals (k, n), unchecked.

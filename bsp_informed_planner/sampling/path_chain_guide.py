@@ -13,14 +13,13 @@ from bsp_informed_planner.networks.problem_view import ProblemView, ViewOptions
 from bsp_informed_planner.robots.robot import Robot
 from bsp_informed_planner.sampling.chain_repair import ChainRepair
 from bsp_informed_planner.sampling.guidance import ConfigurationChain, Guidance
-from bsp_informed_planner.sampling.guide import GuideSetting
+from bsp_informed_planner.sampling.guide import LEARNED, GuideSetting
 from bsp_informed_planner.sampling.path_proposals import PathProposals
 from bsp_informed_planner.sampling.path_shapes import path_of
 from bsp_informed_planner.sampling.tube import TubeSampler, tube_sampler
 from bsp_informed_planner.scene.pose import FloatArray
 from bsp_informed_planner.scene.signed_distance import SignedDistance
 
-SAMPLER_ID = "learned"
 #: Chains that are handed to the planner, and the goals, the nearest ones, that they are shared out to.
 CHAINS, GOALS = 8, 4
 
@@ -65,7 +64,7 @@ class PathChainGuide:
         if self._repair is not None:
             paths = self._repair.repaired(paths, checker, should_stop)
         chains = lifted(self._setting.robot, paths)
-        return Guidance(SAMPLER_ID, chains, self.sampler(list(paths)), "", time.monotonic() - begin)
+        return Guidance(LEARNED, chains, self.sampler(list(paths)), "", time.monotonic() - begin)
 
     def proposed(self, start: FloatArray, goals: FloatArray) -> FloatArray:
         """(k, m, n) chains from start (n,) to the nearest of the goals (g, n), the most promising ones first."""

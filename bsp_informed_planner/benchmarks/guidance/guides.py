@@ -30,12 +30,15 @@ from bsp_informed_planner.scene.scene import Scene
 #: From the start and goals of a plan, and a check that nothing else uses meanwhile.
 MakeGuidance = Callable[[FloatArray, FloatArray, CollisionChecker], Guidance]
 
+#: The sampler `learned` as users get it; all others, its networks alone among them, are joined by nothing.
+JOINED = "joined"
 TITLES = {
     "plain": "plain RRT-Connect",
     "line": "straight line + Gaussian",
     "exact": "exact keypoints + Gaussian",
     "library": "path library, its paths not repaired",
     "learned": "network",
+    JOINED: "network, then exact keypoints too (`learned`)",
     "unrepaired": "network, its chains not repaired",
     "wrong_scene": "network, shown another scene (control)",
     "no_scene": "network without scene (control)",

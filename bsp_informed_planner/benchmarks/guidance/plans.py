@@ -8,7 +8,7 @@ import numpy as np
 
 from bsp_informed_planner.benchmarks.benchmark import Mode, Parameters, Part, Row
 from bsp_informed_planner.benchmarks.guidance.chains import judged
-from bsp_informed_planner.benchmarks.guidance.guides import MakeGuidance, guides, robot
+from bsp_informed_planner.benchmarks.guidance.guides import JOINED, MakeGuidance, guides, robot
 from bsp_informed_planner.benchmarks.guidance.problems import draw
 from bsp_informed_planner.benchmarks.guidance.summary import summarise
 from bsp_informed_planner.benchmarks.planning.problems import seed_of
@@ -38,6 +38,7 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
     wanted = str(parameters["stratum"])
     drawn = draw(rng, wanted or None)
     planner = Planner(robot(), drawn.problem.scene)
+    planner.get_ready()
     row: dict[str, Any] = {"stratum": drawn.problem.stratum, "as_they_come": not wanted}
     makers = guides(drawn.problem, drawn.other, drawn.best, parameters["models"], parameters["controls"], rng)
     start, goals = drawn.problem.problem.start, drawn.best[-1:]
@@ -46,6 +47,8 @@ def measure(parameters: Parameters, rng: np.random.Generator) -> Row:
         make(start, goals, checker)
         found = judged(make(start, goals, checker), drawn.best, checker, rng)
         row |= {f"{name}_{key}": value for key, value in found.items()}
+    if "learned" in makers:
+        makers = {**makers, JOINED: makers["learned"]}
     seeds = [seed_of(rng) for _ in range(RUNS)]
     for mode in (AT_ONCE, HEDGED):
         results: dict[str, list[tuple[float, float]]] = {name: [] for name in makers}
@@ -66,7 +69,13 @@ def _plan(
     # The sampler id tells how long the search without guidance is, by default.
     sampler_id, head_start = EXACT if name == "exact" else "learned", 0 if mode == AT_ONCE else None
     options = PlanOptions(
-        "rrt_connect", sampler_id, allowed_seconds=LIMIT, first_solution=True, seed=seed, head_start=head_start
+        "rrt_connect",
+        sampler_id,
+        allowed_seconds=LIMIT,
+        first_solution=True,
+        seed=seed,
+        head_start=head_start,
+        join_keypoints=name == JOINED,
     )
     plan = planner.prepare(problem, options)
     begin = plan.budget.elapsed
