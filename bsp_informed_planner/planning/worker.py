@@ -36,9 +36,9 @@ STRAIGHT = 4
 #: hard ones.
 HEAD_START, SHORT_HEAD_START = 500, 200
 QUICK_SAMPLERS = (LEARNED, "path_library")
-#: Search with guidance before more of it joins, and with all of it before edges that the bounds leave open are looked
-#: at everywhere.
-GUIDED = 800
+#: Search with guidance before edges that the bounds leave open are looked at everywhere, and the part of it before more
+#: guidance joins: on validation problems, later is slower for the slowest ones, and sooner no better.
+GUIDED, ALONE = 800, 400
 #: Search with questions about such edges before it begins anew.
 ASKING = 800
 #: States that the exact judge may look at for one edge at first, later, and in the end: most edges take some dozens,
@@ -191,10 +191,11 @@ class Worker:
             path = self._straight(ask=1)
         if goes_on(path):
             trees.seed(self.take(guidance()), self._passes)
-            path = grow(self._mixture, ask, GUIDED)
-        if goes_on(path) and (joining := self._joining(further())):
-            trees.seed(joining, self._passes)
-            path = grow(self._mixture, ask, GUIDED)
+            path = grow(self._mixture, ask, ALONE)
+        if goes_on(path):
+            if joining := self._joining(further()):
+                trees.seed(joining, self._passes)
+            path = grow(self._mixture, ask, GUIDED - ALONE)
         self._looks = LOOKS
         if goes_on(path):
             path = grow(self._mixture, ASK_ALL, ASKING)
