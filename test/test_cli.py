@@ -239,3 +239,12 @@ def test_nodes_stop_on_ctrl_c() -> None:
     _, errors = suite.communicate(timeout=60.0)
     assert suite.returncode == 0
     assert "Traceback" not in errors
+
+
+def test_nodes_that_are_told_to_end_before_they_spin_end_quietly() -> None:
+    code = (
+        "import rclpy; from bsp_informed_planner.nodes.lifecycle import _spin_until_told_to_end as spin; "
+        "rclpy.init(); rclpy.shutdown(); spin(None); print('ended')"
+    )
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60.0, check=False)
+    assert (outcome.returncode, outcome.stdout, outcome.stderr) == (0, "ended\n", "")

@@ -282,6 +282,9 @@ def _spin_until_told_to_end(node: PlannerSuiteNode) -> None:
     uninstall_signal_handlers()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: told.set())
+    if not rclpy.ok():
+        # The handlers of rclpy have heard of it while the node was set up; nothing has been asked of it yet.
+        return
     executor = MultiThreadedExecutor(num_threads=4)
     executor.add_node(node)
     thread = threading.Thread(target=spin, args=(executor,), name="executor", daemon=True)
