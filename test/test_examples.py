@@ -24,6 +24,14 @@ def run(name: str, cwd: Path, *arguments: str, **environment: str) -> str:
     return done.stdout
 
 
+def run_beside_suite(name: str, cwd: Path) -> str:
+    """What a script prints that talks to the three nodes."""
+    with running_suite("ur5") as suite:
+        suite.add_all()
+        domain = str(100 + os.getpid() % 100)
+        return run(name, cwd, "--ros-args", "-r", f"__ns:={suite.namespace}", ROS_DOMAIN_ID=domain)
+
+
 def test_plan_from_python(tmp_path: Path) -> None:
     printed = run("plan_from_python.py", tmp_path)
     assert "certified free of collision: True" in printed
@@ -53,22 +61,12 @@ def test_point_robot(tmp_path: Path) -> None:
 
 
 def test_publish_points(tmp_path: Path) -> None:
-    with running_suite("ur5") as suite:
-        suite.add_all()
-        domain = str(100 + os.getpid() % 100)
-        printed = run(
-            "publish_points.py", tmp_path, "--ros-args", "-r", f"__ns:={suite.namespace}", ROS_DOMAIN_ID=domain
-        )
+    printed = run_beside_suite("publish_points.py", tmp_path)
     assert re.fullmatch(r"2400 points are an obstacle of revision \d+ of the scene\n", printed)
 
 
 def test_call_plan_service(tmp_path: Path) -> None:
-    with running_suite("ur5") as suite:
-        suite.add_all()
-        domain = str(100 + os.getpid() % 100)
-        printed = run(
-            "call_plan_service.py", tmp_path, "--ros-args", "-r", f"__ns:={suite.namespace}", ROS_DOMAIN_ID=domain
-        )
+    printed = run_beside_suite("call_plan_service.py", tmp_path)
     assert printed.startswith("1 path of cost")
     assert "certified: True" in printed
 

@@ -106,8 +106,9 @@ class PlannerNode(PlannerSuiteNode):
         self._world = WorldTracker(self, self._settings.allow_empty_scene)
         self.release_with(self._world.close)
         # Robots and default sampler ids whose models have been asked for, and those that have been found to have none.
-        self._asked_for_model: set[tuple[str, str]] = set()
-        self._without_model: set[tuple[str, str]] = set()
+        # Replaced as wholes: several threads read and write them.
+        self._asked_for_model: frozenset[tuple[str, str]] = frozenset()
+        self._without_model: frozenset[tuple[str, str]] = frozenset()
         preparation = RobotPreparation(self._world, self._try_out, self.note_error)
         self.release_with(preparation.close)
         self._robot_source = RobotSource(self, self._settings, preparation.submit, self.note_error)
@@ -402,12 +403,12 @@ class PlannerNode(PlannerSuiteNode):
         if self._guide.ask_for_model(
             sampler_id, result.path[[0, -1]], lambda reason: self._note_without_model(robot, sampler_id, reason)
         ):
-            self._asked_for_model.add(entry)
+            self._asked_for_model |= {entry}
 
     def _note_without_model(self, robot: Robot, sampler_id: str, reason: str) -> None:
         """Say once that keypoints are exact though another sampler is asked for, and list it no more."""
         if (robot.name, sampler_id) not in self._without_model:
-            self._without_model.add((robot.name, sampler_id))
+            self._without_model |= {(robot.name, sampler_id)}
             self.get_logger().warning(f"{reason}; keypoints are exact")
 
     def _try_out(self, planner: Planner, problem: ScenarioProblem) -> None:
@@ -415,8 +416,8 @@ class PlannerNode(PlannerSuiteNode):
         settings = self._settings
         # Of another robot of this name, perhaps.
         name = planner.robot.name
-        self._without_model = {entry for entry in self._without_model if entry[0] != name}
-        self._asked_for_model = {entry for entry in self._asked_for_model if entry[0] != name}
+        self._without_model = frozenset(entry for entry in self._without_model if entry[0] != name)
+        self._asked_for_model = frozenset(entry for entry in self._asked_for_model if entry[0] != name)
         if not settings.use_inference and (reason := planner.load_guide(settings.sampler_id)):
             self._note_without_model(planner.robot, settings.sampler_id, reason)
         planner.get_ready()
